@@ -287,13 +287,13 @@ def test_no_pair_left_is_an_error(tmp_path: Path) -> None:
 def test_cuts_and_motion_of_real_footage_are_far_apart(shared) -> None:
     """Five cuts of a film; a handheld camera at four times its speed; KITTI's pairs at 10 Hz."""
     reader = VideoReader(shared("data", "video", "bikes.mp4"))
-    cuts = [match(sketch_of(reader.frame(at)), sketch_of(reader.frame(at + 1))) for at in (29, 75, 136, 186, 241)]
+    cuts = [match(sketch_of(reader.frame, at), sketch_of(reader.frame, at + 1)) for at in (29, 75, 136, 186, 241)]
     assert max(cuts) < NO_MATCH / 2
-    sketches = [[sketch_of(reader.frame(at)) for at in range(110, 130)]]
+    sketches = [[sketch_of(reader.frame, at) for at in range(110, 130)]]
     reader = VideoReader(shared("data", "video", "handheld_video-10.m4v"))
-    sketches.append([sketch_of(reader.frame(at)) for at in range(0, 80, 4)])
+    sketches.append([sketch_of(reader.frame, at) for at in range(0, 80, 4)])
     folder = shared("data", "kitti2012", "training", "image_0")
-    sketches += [[sketch_of(read_image(path)) for path in images_in(folder)[at : at + 2]] for at in (0, 2, 4, 6)]
+    sketches += [[sketch_of(read_image, path) for path in images_in(folder)[at : at + 2]] for at in (0, 2, 4, 6)]
     motion = [match(a, b) for film in sketches for a, b in pairwise(film)]
     assert min(motion) > MATCH
     kitti, maps = without_maps({"": images_in(folder)})

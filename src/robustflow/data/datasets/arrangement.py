@@ -8,7 +8,7 @@ from itertools import pairwise
 from pathlib import Path
 
 from ...core.arguments import choice
-from ...core.errors import DataError, UsageError
+from ...core.errors import UsageError
 from ...core.text import counted
 from ...media.images import read_image
 from .continuity import MATCH, NO_MATCH, match, sketch_of
@@ -22,17 +22,15 @@ _TRIED = 4
 
 @dataclass(frozen=True)
 class Arrangement:
-    """Films, or independent pairs as films of two frames, with the folder of each.
+    """Films, or independent pairs as films of two frames, with the folder of each; "" if there are two.
 
     Attributes:
         recognised: value of `pairs` that states the arrangement; "" for a film in every folder.
-        across: whether the frames of a pair are in different folders.
     """
 
     films: list[tuple[str, Film]]
     recognised: str = ""
     independent: bool = False
-    across: bool = False
     notice: str = ""
 
 
@@ -50,28 +48,30 @@ def arranged(places: Mapping[str, Sequence[Path]], pairs: str) -> Arrangement:
             raise UsageError("pairs", f"{odd[0]} has an odd number of frames, which are no {DISJOINT} pairs")
         return Arrangement([(group, pair) for group, film in whole for pair in film.couples()], DISJOINT, True)
     every = [(group, film) for group in films for film in films[group]]
-    found = _across(every, pairs) or _by_name(every, len(whole)) or (_by_content(whole) if not pairs else None)
-    if found is None and pairs == NAMES:
+    recognised = _across(every, pairs) or _by_name(every, len(whole)) or (_by_content(whole) if not pairs else None)
+    if recognised is None and pairs == NAMES:
         raise UsageError("pairs", "the names of the frames tell no pairs; give pairs=disjoint or pairs=consecutive")
-    return found or Arrangement(whole)
+    return recognised or Arrangement(whole)
 
 
 def _across(films: Sequence[tuple[str, Film]], pairs: str) -> Arrangement | None:
     """Pair the frames with equal numbers of two films, such as left and right, if the films are none by what they show,
     or if the user states that names tell the pairs."""
-    if len(films) != 2 or not films[0][1].numbers or films[0][1].numbers != films[1][1].numbers:
-        stems = [[frame.stem for frame in film.frames] for _, film in films]
-        if len(films) != 2 or stems[0] != stems[1] or films[0][0] == films[1][0]:
-            return None
+    if len(films) != 2:
+        return None
     (group, first), (other, second) = films
+    stems, stems_of_other = ([frame.stem for frame in film.frames] for film in (first, second))
+    equal_names = group != other and stems == stems_of_other
+    if not equal_names and not (first.numbers and first.numbers == second.numbers):
+        return None
     couples = list(zip(first.frames, second.frames, strict=True))
-    within = [link for film in (first, second) for link in pairwise(film.frames)]
-    stated = pairs == NAMES and (group != other or len(couples) > 2)
-    if _are_alike(within) and not (stated and _are_alike(couples)):
-        return None
-    if not stated and not _are_alike(couples):
-        return None
-    return _independent([(group, Film(couple)) for couple in couples], NAMES, across=group != other)
+    links = [link for film in (first, second) for link in pairwise(film.frames)]
+    if pairs == NAMES and (group != other or len(couples) > 2):
+        are_pairs = not _are_alike(links) or _are_alike(couples)
+    else:
+        are_pairs = not _are_alike(links) and _are_alike(couples)
+    folder = group if group == other else ""
+    return _independent([(folder, Film(couple)) for couple in couples], NAMES) if are_pairs else None
 
 
 def _by_name(films: Sequence[tuple[str, Film]], folders: int) -> Arrangement | None:
@@ -94,15 +94,17 @@ def _by_content(films: Sequence[tuple[str, Film]]) -> Arrangement | None:
         links = list(pairwise(film.frames))
         if len(links) < 3 or len(links) % 2 == 0:
             return None
-        if any(_matches(*link) >= NO_MATCH for link in _some(links[1::2])) or not _are_alike(links[::2]):
+        if any(_match(*link) >= NO_MATCH for link in _some(links[1::2])) or not _are_alike(links[::2]):
             return None
     return _independent([(group, pair) for group, film in films for pair in film.couples()], DISJOINT)
 
 
-def _independent(couples: list[tuple[str, Film]], pairs: str, alone: int = 0, across: bool = False) -> Arrangement:
-    example = " and ".join(str(frame.relative_to(frame.parents[across])) for frame in couples[0][1].frames)
+def _independent(couples: list[tuple[str, Film]], pairs: str, alone: int = 0) -> Arrangement:
+    first, second = couples[0][1].frames
+    across = first.parent != second.parent
+    example = " and ".join(str(frame.relative_to(frame.parents[across])) for frame in (first, second))
     words = f"read as {counted(len(couples), 'independent pair')} such as {example}, not as a film"
-    return Arrangement(couples, pairs, True, across, f"{words}{_alone(alone)}{_OTHERWISE}")
+    return Arrangement(couples, pairs, True, f"{words}{_alone(alone)}{_OTHERWISE}")
 
 
 _OTHERWISE = f" (-D pairs={CONSECUTIVE} reads films)"
@@ -114,7 +116,8 @@ def _alone(frames: int) -> str:
 
 def _are_alike(links: Sequence[tuple[Path, ...]]) -> bool:
     """Return whether the frames of most pairs show the same scene; False for no pairs."""
-    return bool(links) and 2 * sum(_matches(*link) >= MATCH for link in _some(links)) > len(_some(links))
+    tried = [_match(*link) >= MATCH for link in _some(links)]
+    return 2 * sum(tried) > len(tried)
 
 
 def _some(links: Sequence[tuple[Path, ...]]) -> list[tuple[Path, ...]]:
@@ -122,8 +125,5 @@ def _some(links: Sequence[tuple[Path, ...]]) -> list[tuple[Path, ...]]:
     return [links[place * (len(links) - 1) // max(1, tried - 1)] for place in range(tried)]
 
 
-def _matches(first: Path, second: Path) -> float:
-    try:
-        return match(sketch_of(read_image(first)), sketch_of(read_image(second)))
-    except DataError:  # reported when it is measured
-        return 1.0
+def _match(first: Path, second: Path) -> float:
+    return match(sketch_of(read_image, first), sketch_of(read_image, second))

@@ -48,7 +48,12 @@ class Sketch(NamedTuple):
     small: Any
 
 
-def sketch_of(frame: Frame) -> Sketch:
+def sketch_of(read: Callable[[Any], Frame], name: Hashable) -> Sketch:
+    """Read and sketch a frame; one that cannot be read is not compared, and is reported when it is measured."""
+    try:
+        frame = read(name)
+    except DataError:
+        return Sketch(name, None)
     height, width = frame.shape[:2]
     scale = max(_WIDTH / max(height, width), _LEAST_SIDE / min(height, width))
     small: Any = None
@@ -65,12 +70,12 @@ def match(first: Sketch, second: Sketch) -> float:
     if a is None or b is None or a.shape != b.shape:
         return 1.0
     with one_opencv_thread():
-        found = _match(a, b, (0.0, 0.0))
-        if found < NO_MATCH:  # a large motion of the camera
-            window = cv2.createHanningWindow(a.shape[::-1], cv2.CV_32F)
-            shift, _ = cv2.phaseCorrelate(a.astype(np.float32), b.astype(np.float32), window)
-            found = max(found, _match(a, b, shift))
-    return found
+        still = _match(a, b, (0.0, 0.0))
+        if still >= NO_MATCH:
+            return still
+        window = cv2.createHanningWindow(a.shape[::-1], cv2.CV_32F)
+        shift, _ = cv2.phaseCorrelate(a.astype(np.float32), b.astype(np.float32), window)
+        return max(still, _match(a, b, shift))  # a large motion of the camera
 
 
 def _match(a: Any, b: Any, shift: Sequence[float]) -> float:
@@ -133,10 +138,7 @@ class OwnFrames(Samples):
 
         @lru_cache(_KEPT_FRAMES)
         def sketch(name: Hashable) -> Sketch:
-            try:
-                return sketch_of(self._read(name))
-            except DataError:
-                return Sketch(name, None)  # reported when it is measured
+            return sketch_of(self._read, name)
 
         @lru_cache(_KEPT_FRAMES)
         def matching(first: Hashable, second: Hashable) -> float:
@@ -172,14 +174,15 @@ def continuous(dataset: Dataset, keys: Sequence[str], compare: bool = True) -> l
     if not isinstance(dataset, OwnFrames):
         return list(keys)
     faults = dataset.faults(keys) if compare and dataset.gaps == "skip" else {}
-    of_reason = {name: [key for key, fault in faults.items() if fault == name] for name in (REPEATED, CUT, UNLIKE)}
-    unlike = of_reason.pop(UNLIKE)  # in a film, only most of all: motion can be too fast
-    left_out = {name: found for name, found in {IRREGULAR: dataset.irregular, **of_reason}.items() if found}
+    by_reason: dict[str, list[str]] = {}
+    for key, reason in (dict.fromkeys(dataset.irregular, IRREGULAR) | faults).items():
+        by_reason.setdefault(reason, []).append(key)
+    unlike = by_reason.pop(UNLIKE, [])
     notices = list(dataset.notices)
-    if left_out:
-        counts = (f"{counted(len(found), 'pair')} across {name} ({found[0]})" for name, found in left_out.items())
+    if by_reason:
+        counts = (f"{counted(len(out), 'pair')} across {reason} ({out[0]})" for reason, out in by_reason.items())
         notices.append(f"{', '.join(counts)} left out (-D gaps=keep keeps them)")
-    if unlike and (dataset.independent or 2 * len(unlike) > len(keys)):
+    if unlike and (dataset.independent or 2 * len(unlike) > len(keys)):  # the motion of a film can be too fast
         notices.append(f"the frames of {counted(len(unlike), 'pair')} share no content ({', '.join(unlike[:3])})")
     if notices:
         warnings.warn(f"{dataset.where}: {'; '.join(notices)}", stacklevel=3)

@@ -86,7 +86,7 @@ class FrameFolder(PairDataset, OwnFrames):
             first_of_film = f"{group or ALONE}/{frames[0].stem}" if several else group or ALONE
             for place, pair in enumerate(of_film):
                 # Consecutive pairs are not independent; statistics treat them as one group.
-                key = f"{group}/{pair[0].stem}" if group and not films.across else pair[0].stem
+                key = f"{group}/{pair[0].stem}" if group else pair[0].stem
                 if off.isdisjoint(range(place, place + step)):
                     found[key] = PairFiles(pair, group="" if films.independent else first_of_film)
                 else:
@@ -131,9 +131,8 @@ class Video(OwnFrames):
         timed = gaps == "skip" and len(set(reader.times)) == total
         off = irregular(reader.times) if timed else set[int]()
         self._breaks = sorted(off)
-        every = [(index, f"{index:06d}") for index in range(begin, self._end - step)]
-        self.irregular = [key for index, key in every if not off.isdisjoint(range(index, index + step))]
-        self._keys = [key for _, key in every if key not in set(self.irregular)]
+        regular = {f"{at:06d}": off.isdisjoint(range(at, at + step)) for at in range(begin, self._end - step)}
+        self._keys, self.irregular = ([key for key in regular if regular[key] is kept] for kept in (True, False))
 
     def keys(self) -> list[str]:
         return list(self._keys)
