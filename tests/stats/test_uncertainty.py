@@ -116,6 +116,22 @@ def test_intervals_and_tests_need_six_clusters(clusters):
     assert tests["wins"].null_count() == 0
 
 
+@pytest.mark.parametrize("groups", [None, 45])
+def test_equal_frames_under_several_names_are_one_cluster(groups):
+    """Fifteen pairs under three names each count as fifteen, whatever their groups; means are those of all rows."""
+    rows, other = (_rows(45, groups=groups, seed=seed) for seed in (0, 1))
+    digest = pl.concat_str(pl.col("sample").cast(pl.Int64) % 15, "corruption", "severity")
+    copies = [part.with_columns(frames_digest=digest) for part in (rows, other)]
+    found, tests = intervals(copies[0]), compare_rows(*copies)
+    assert set(found["clusters"]) == set(tests["clusters"]) == {15}
+    assert set(found["pairs"]) == {45}
+    assert found["value"].to_list() == intervals(rows)["value"].to_list()
+    (sentence,) = map(difference_sentence, tests.filter(measure="epe", condition="average").iter_rows(named=True))
+    assert "of 45 images in 15" in sentence
+    unknown = rows.with_columns(frames_digest=pl.lit(""))
+    assert set(intervals(unknown)["clusters"]) == {45}
+
+
 def test_equal_images_have_no_interval():
     rows = rows_of(np.full(10, 2.0), np.full((10, 3), 3.0), np.full((10, 3), 1.5))
     found = intervals(rows).filter(measure="epe", condition="average").row(0, named=True)

@@ -145,6 +145,18 @@ class Cube:
         """The column of the clean frames."""
         return self.conditions.index((CLEAN, 0)) if (CLEAN, 0) in self.conditions else None
 
+    @cached_property
+    def alike(self) -> npt.NDArray[np.int64]:
+        """A number for each image, int64 (S,), equal for images with equal clean frames."""
+        known = (pl.col("corruption") == CLEAN) & (pl.col("frames_digest") != "")
+        of_clean = self.rows.select(known.fill_null(False)).collect().to_series().to_numpy()
+        digests = self.rows.filter(known).select("frames_digest").collect().to_series().to_numpy()
+        alike = np.arange(len(self.samples))
+        _, first, number = np.unique(digests, return_index=True, return_inverse=True)
+        places = self.cell[of_clean] // self.shape[1]
+        alike[places] = places[first][number]
+        return alike
+
     @property
     def scopes(self) -> list[Scope]:
         """Every scope that a mean may have."""

@@ -196,14 +196,15 @@ def _aligned(cubes: Sequence[Cube]) -> list[Cube]:
 
 def joint_clusters(cubes: Sequence[Cube]) -> tuple[int, np.ndarray]:
     """Return the number of clusters of several models together, and the cluster of each image: images that are in one
-    cluster of any model are in one cluster."""
+    cluster of any model, or have equal frames under several names, are in one cluster."""
     label = cubes[0].cluster.astype(np.int64)
+    parts = [part for cube in cubes for part in (cube.cluster, cube.alike)]
     while True:
         before = label
-        for cube in cubes:
-            least = np.full(len(cube.groups), len(label))
-            np.minimum.at(least, cube.cluster, label)
-            label = least[cube.cluster]
+        for part in parts:
+            least = np.full(len(label), len(label))
+            np.minimum.at(least, part, label)
+            label = least[part]
         if np.array_equal(label, before):
             known, cluster = np.unique(label, return_inverse=True)
             return len(known), cluster

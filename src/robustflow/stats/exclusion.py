@@ -16,6 +16,7 @@ from ..metrics.measures import CLEAN_MEASURES, MEASURES, exact_mean
 from ..metrics.rows import CLEAN
 from ..run.comparable import sample_set
 from ..run.run import Run
+from .estimate import joint_clusters
 from .inference import FEWEST
 from .results import NEVER_RANKED
 
@@ -40,7 +41,7 @@ def without_truth(run: Run) -> bool:
 
 def enough_to_compare(run: Run) -> bool:
     """Whether a run has enough independent pairs to generalise a difference to other frames."""
-    return run.rows.filter(corruption=CLEAN)["group"].n_unique() >= FEWEST
+    return joint_clusters([Cube.of(run.rows.filter(corruption=CLEAN))])[0] >= FEWEST
 
 
 ACCURATE_BELOW = 0.5

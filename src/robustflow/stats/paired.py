@@ -32,7 +32,7 @@ def difference_sentence(row: Mapping[str, Any]) -> str:
     what = {AVERAGE: "average", CLEAN: "clean"}.get(row["condition"], long_label(row["condition"]))
     observed = counted(row["pairs"], "image")
     if row["clusters"] not in (row["pairs"], None):
-        observed += f" in {counted(row['clusters'], 'sequence')}"
+        observed += f" in {counted(row['clusters'], 'independent group')}"
     lower, higher = ("lower", "higher") if measure.better <= 0 else ("higher", "lower")
     evidence = []
     if row["low"] is not None:
