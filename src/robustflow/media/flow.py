@@ -160,9 +160,7 @@ def read_png16(path: Path, channels: int, what: str) -> npt.NDArray[np.uint16]:
     """
     data = path.read_bytes()
     try:
-        image = Image.open(io.BytesIO(data), formats=("PNG",))
-        claimed_size(path, *image.size)
-        image.verify()
+        claimed_size(path, *Image.open(io.BytesIO(data), formats=("PNG",)).size)
     except PILLOW_ERRORS as error:
         raise DataError(path, f"not a PNG, or damaged ({first_line(error)}); copy or download it again") from error
     with silent_libraries():

@@ -213,17 +213,18 @@ def _readings(truth: bool) -> Iterator[Reading]:
 
 
 class _Thin:
-    """Every n-th row of a pair, so that large frames take no longer, and the errors of its flow as it is."""
+    """Every n-th row of a pair, so that large frames take no longer, and the errors that readings are compared with."""
 
     def __init__(self, frame1: Frame, frame2: Frame, flow: Flow) -> None:
         self._size, self._step = frame2.shape[:2], -(-flow.shape[0] * flow.shape[1] // _MOST_PIXELS)
         self._whole, self._columns = flow, _columns(np.ascontiguousarray(frame2))
         self._frame1: Frame = np.ascontiguousarray(frame1[:: self._step])
         self.flow: Flow = np.ascontiguousarray(flow[:: self._step])
-        self.errors, self.still = self._errors(self.flow), self._errors(np.zeros_like(self.flow))
-        self.known = int(np.count_nonzero(np.isfinite(self.flow[..., 0])))
-        self.outside = bool(np.count_nonzero(self.errors >= 0) < _LEAST_SHARE * self.known)
-        """Whether almost no pixel has a target inside the frame."""
+        errors, self.still = self._errors(self.flow), self._errors(np.zeros_like(self.flow))
+        self.known = np.count_nonzero(np.isfinite(self.flow[..., 0]))
+        self.outside = np.count_nonzero(errors >= 0) < _LEAST_SHARE * self.known
+        """Whether almost no pixel has a target inside the frame; then readings are compared with zero flow."""
+        self.given = self.still if self.outside else errors
 
     def read(self, reading: Reading) -> npt.NDArray[np.int32]:
         """Return the errors of a reading."""
@@ -235,15 +236,14 @@ class _Thin:
 
 
 def _judged(pairs: Sequence[_Thin], reading: Reading, constant: bool) -> Misread | None:
-    """Compare a reading with the flow as it is, over the pixels whose targets are inside the frame in both; if almost
-    no target is as it is, compare it with zero flow."""
-    n, inside, known, error, still, given = 0, 0, 0, 0, 0, 0
+    """Compare a reading with the flow as it is, over the pixels whose targets are inside the frame in both."""
+    sums = np.zeros(6, np.int64)
     for pair in pairs:
         errors = pair.read(reading)
-        both = (errors >= 0) & ((pair.errors >= 0) | pair.outside)
-        n, inside, known = n + int(both.sum()), inside + int((errors >= 0).sum()), known + pair.known
-        error, still = error + int(errors[both].sum(dtype=np.int64)), still + int(pair.still[both].sum(dtype=np.int64))
-        given += int((pair.still if pair.outside else pair.errors)[both].sum(dtype=np.int64))
+        both = (errors >= 0) & (pair.given >= 0)
+        over_both = (values[both].sum(dtype=np.int64) for values in (errors, pair.still, pair.given))
+        sums += np.array([both.sum(), (errors >= 0).sum(), pair.known, *over_both])
+    n, inside, known, error, still, given = sums.tolist()
     if n < max(_LEAST_PIXELS, _LEAST_SHARE * known) or inside < _LEAST_INSIDE * known:
         return None
     oriented = (reading.swapped, reading.signs) != (False, (1, 1)) or reading.flipped
