@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from statistics import fmean
-
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -13,7 +11,6 @@ from tests.made_rows import rows_frame
 from ..run.mean_rows import NO_TRUTH, row
 
 CELLS = [("fog", 1), ("fog", 2), ("fog", 3), ("snow", 1)]
-"""More severities of one corruption than of the other, so that an average over all cells would differ."""
 
 
 def _rows(errors: dict[str, list[float]], truth: bool = True):
@@ -26,11 +23,11 @@ def _rows(errors: dict[str, list[float]], truth: bool = True):
 
 
 def _expected(errors: dict[str, list[float]]):
-    scores = sorted((fmean([fmean(values[:3]), values[3]]), key) for key, values in errors.items())
-    median = scores[(len(scores) - 1) // 2][1]
-    condition = min(range(4), key=lambda place: (-fmean(values[place] for values in errors.values()), CELLS[place]))
-    worst = min(errors, key=lambda key: (-errors[key][condition], key))
-    return (worst, CELLS[condition]), (median, sorted(zip(errors[median], CELLS, strict=True))[1][1])
+    order = sorted(
+        (value, key, cell) for key, values in errors.items() for value, cell in zip(values, CELLS, strict=True)
+    )
+    worst = min((key, cell) for value, key, cell in order if value == order[-1][0])
+    return worst, order[(len(order) - 1) // 2][1:]
 
 
 # Integers divided by 4 have exact sums and means, so that ties do not depend on the order of computation.

@@ -1,8 +1,7 @@
 """Example pictures of a run: the worst and the median cell as panels, and one sample under every corruption.
 
-A page shows the worst sample under the worst condition, which is the corruption and severity with the highest mean CRE
-(RCRE if the run has no ground truth), and the median cell of the sample whose mean is the median. The choice follows
-from the rows, so it is the same on every machine. The folder RUN/examples, with the pictures and their list
+A page shows the row with the highest and the row with the median CRE (RCRE if the run has no ground truth). The choice
+follows from the rows, so it is the same on every machine. The folder RUN/examples, with the pictures and their list
 `examples.json`, is complete or absent.
 """
 
@@ -11,14 +10,12 @@ from __future__ import annotations
 import re
 import secrets
 import shutil
-from collections import defaultdict
-from collections.abc import Generator, Iterator
+from collections.abc import Generator, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
-from statistics import fmean
 from tempfile import TemporaryDirectory
-from typing import Annotated, Any, Literal, NamedTuple, TypeVar
+from typing import Annotated, Any, Literal, NamedTuple
 
 import polars as pl
 from pydantic import Field
@@ -46,7 +43,6 @@ _SUMS = ("epe_sum", "clean_epe_sum", "rcre_sum", "n_valid", "rcre_all_sum", "n_a
 _SAME_PX, _SAME_SHARE = 0.01, 0.01
 """Tolerances for a repeated prediction: rounding depends on the batch size and the device."""
 
-T = TypeVar("T", bound=tuple[Any, ...])
 _File = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]{0,99}$")]
 _Text = Annotated[str, Field(max_length=4096)]
 
@@ -105,42 +101,25 @@ def _mean(total: float | None, count: int | None) -> float | None:
 
 
 def example_cells(rows: pl.DataFrame) -> list[Panel]:
-    """Return the worst cell of the worst condition and the median cell of the median sample; empty if nothing was
-    measured."""
+    """Return the cell with the highest and the one with the median CRE; empty if nothing was measured."""
     cells = averaged_rows(rows).filter(pl.col("corruption") != CLEAN).select(*ROW_KEY, *_SUMS).sort(ROW_KEY)
     scored = {
         (row["sample"], row["corruption"], row["severity"]): cell_scores(row) for row in cells.iter_rows(named=True)
     }
     metric = "cre" if any(scores.cre is not None for scores in scored.values()) else "rcre"
-    values = {cell: getattr(scores, metric) for cell, scores in scored.items() if getattr(scores, metric) is not None}
-    if not values:
+    order = sorted((value, *cell) for cell, scores in scored.items() if (value := getattr(scores, metric)) is not None)
+    if not order:
         return []
-    of_condition: dict[tuple[str, int], list[float]] = defaultdict(list)
-    of_sample: dict[str, dict[str, list[float]]] = defaultdict(lambda: defaultdict(list))
-    for (key, corruption, severity), value in values.items():
-        of_condition[corruption, severity].append(value)
-        of_sample[key][corruption].append(value)
-    worst = _worst({condition: fmean(each) for condition, each in of_condition.items()})
-    # as in the paper: over severities, then over corruptions
-    (median,) = _median({(key,): fmean(map(fmean, of_key.values())) for key, of_key in of_sample.items()})
-    drawn: dict[Literal["worst", "median"], Cell] = {
-        "worst": _worst({cell: value for cell, value in values.items() if cell[1:] == worst}),
-        "median": _median({cell: value for cell, value in values.items() if cell[0] == median}),
+    highest = next(cell for value, *cell in order if value == order[-1][0])
+    drawn: dict[Literal["worst", "median"], Sequence[Any]] = {
+        "worst": highest,
+        "median": order[(len(order) - 1) // 2][1:],
     }
     return [
         Panel(kind=kind, file=f"{kind}.jpg", key=key, corruption=name, severity=severity, **scores._asdict())
         for kind, (key, name, severity) in drawn.items()
         for scores in [scored[key, name, severity]]
     ]
-
-
-def _worst(values: dict[T, float]) -> T:
-    return min(values, key=lambda name: (-values[name], name))
-
-
-def _median(values: dict[T, float]) -> T:
-    order = sorted(values, key=lambda name: (values[name], name))
-    return order[(len(order) - 1) // 2]
 
 
 def example_list(rows: pl.DataFrame) -> ExampleList | None:
