@@ -18,6 +18,8 @@ import numpy as np
 import polars as pl
 
 from robustflow import load_run
+from robustflow.data.datasets.kitti import drive_groups
+from robustflow.data.datasets.split import KITTI_KEYS, kitti_split
 from robustflow.stats.inference import INCREASE_FLOOR, Scores, flip_test, mean_interval, ratio_interval, ratio_of_means
 
 Array = np.ndarray[Any, np.dtype[np.float64]]
@@ -54,6 +56,27 @@ def simulated_errors(spread: float, samples: int, images: int) -> tuple[Array, A
     error and of the increases."""
     clean = normal(spread, samples, images)
     return clean, 1.5 * clean * normal(0.3, samples, images), normal(0.5, samples, images), (1.0, 0.5)
+
+
+def of_drives(values: Array) -> Scores:
+    """Give each drive of KITTI-FC's 80 pairs the sum of its pairs."""
+    pairs = kitti_split(KITTI_KEYS).evaluation
+    drives = np.unique([drive_groups("kitti2015")[key] for key in pairs], return_inverse=True)[1]
+    member = drives == np.arange(drives.max() + 1)[:, None]
+    return Scores(values @ member.T / len(pairs), member.sum(axis=1) / len(pairs))
+
+
+def drives(samples: int) -> Iterator[str]:
+    """Yield coverage and rejections over KITTI-FC's drives, in which 60 % of the variance of the logarithm is."""
+    size = len(of_drives(np.ones(80)).den)
+    groups = np.argmax(of_drives(np.eye(80)).num > 0, axis=1)
+    for spread in (0.5, 0.8, 1.1):
+        scene = normal(spread * 0.6**0.5, samples, size)[:, groups] * normal(spread * 0.4**0.5, samples, 80)
+        first, second = (scene * normal(0.3, samples, 80) for _ in range(2))
+        parts = np.array_split(of_drives(first - second).num, 8)
+        rejected = 100 * np.mean(np.concatenate([flip_test(part) for part in parts]) <= 0.05)
+        ends = covered(mean_interval(of_drives(first)), 1.0), covered(mean_interval(scores(first)), 1.0)
+        yield f"{spread:<6} EPE over drives {ends[0]}, over pairs {ends[1]}; equal models rejected {rejected:.1f}"
 
 
 def coverage(samples: int) -> Iterator[str]:
@@ -193,6 +216,9 @@ def main() -> None:
     given = parser.parse_args()
     print("Coverage of 95 % intervals, per cent; x: errors grow by a factor, +: by an independent amount")
     for line in coverage(given.samples):
+        print(line, flush=True)
+    print("\nKITTI-FC's 30 drives of 80 pairs")
+    for line in drives(given.samples):
         print(line, flush=True)
     print("\nRejections at 5 %, per cent: flip test, Student's, Wilcoxon's; and coverage of the intervals")
     simulated = simulated_pairs(1.15)
