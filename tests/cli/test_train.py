@@ -34,7 +34,7 @@ def test_plan_counts_the_pairs_of_the_data(shared):
     assert f"found    {title}: {pairs} pairs x 1, 100.0 % of an epoch; augmentation sparse" in text
     assert f"{pairs} pairs per epoch; 7 updates are {7 / (pairs // 2):.2f} epochs" in text  # the rest is left out
     large = plan_text(recipe.changed(batch=pairs + 1), DataPlan([shared("data")]))
-    assert " --batch-size: " in large
+    assert " batch_size: " in large
 
 
 def test_the_plan_names_every_value_that_the_user_changed(tmp_path):

@@ -199,14 +199,14 @@ def test_seeds_are_split_only_where_nothing_else_differs(base):
     assert "20 common rows" in fewer.remark
 
 
-def test_means_have_intervals_from_four_images(base):
+def test_means_have_intervals_from_six_images(base):
     def remark_of(*pairs):
         runs = [made_run(base, rows(pairs=count), str(count)) for count in pairs]
         (table,) = tables_of(runs, published=False, wanted=["means"])
         return table.title, table.remarks[0]
 
-    assert remark_of(3)[0] == "Means"
-    assert "4 images" in remark_of(3)[1]
+    assert remark_of(5)[0] == "Means"
+    assert "6 images" in remark_of(5)[1]
     title, remark = remark_of(6)
     assert title == "Means with intervals"
     assert "95 %" in remark

@@ -71,7 +71,7 @@ def test_training_sets_are_stated_by_an_option(tmp_path, robustflow):
     provenance = rf.load_run(tmp_path / "r").manifest.provenance
     assert provenance.trained_on == ("flyingchairs", "flyingthings3d")
     refused = robustflow.refuses(*options, "--trained-on", "C+T", "-O", "trained_on=C")
-    assert refused.startswith("robustflow: trained_on: ")
+    assert refused.startswith("robustflow: --trained-on: ")
 
 
 def test_debug_shows_the_models_own_traceback(tmp_path, monkeypatch, robustflow):
