@@ -97,11 +97,11 @@ class App:
             (self.folder / what).unlink()
 
     @contextmanager
-    def waiting_preview(self, model: str) -> Iterator[http.client.HTTPConnection]:
+    def waiting_preview(self, **changed: Any) -> Iterator[http.client.HTTPConnection]:
         """Send a preview request without waiting for the response."""
         connection = http.client.HTTPConnection(self.host, timeout=60)
         headers = {"X-Token": self.token, "Origin": f"http://{self.host}"}
-        connection.request("POST", "/preview", _request(model=model), headers)
+        connection.request("POST", "/preview", _request(**{"model": SCRIPTED} | changed), headers)
         try:
             yield connection
         finally:

@@ -138,7 +138,7 @@ def test_interrupted_app_ends_without_a_message(tmp_path, monkeypatch, stop, pre
         assert malformed[0] == 400
         if predicting:
             stack.enter_context(running.model_does("wait"))
-            stack.enter_context(running.waiting_preview(SCRIPTED)).getresponse().readline()
+            stack.enter_context(running.waiting_preview()).getresponse().readline()
         running.process.send_signal(stop)
         out, error = running.process.communicate(timeout=30)
         assert (running.process.returncode, out, error) == (0, "", "")

@@ -5,8 +5,7 @@ from __future__ import annotations
 import base64
 import io
 import json
-import threading
-import time
+from contextlib import ExitStack
 
 import numpy as np
 import pytest
@@ -134,27 +133,27 @@ def test_a_model_that_ends_its_program_does_not_end_the_app(app):
 
 
 def test_a_newer_request_of_the_same_page_ends_the_older(app):
-    answers = {}
-
-    def ask(name: str, page: str, severity: int) -> None:
+    def ask(page, severity):
         layers = [{"name": "contrast", "severity": severity}]
-        answers[name] = app.preview(model=SCRIPTED, page=page, layers=layers, seed=severity)[1][-1]
+        return stack.enter_context(app.waiting_preview(page=page, layers=layers, seed=severity))
 
-    threads = []
-    with app.model_does("wait"):
-        for name, page, severity in (("first", "a", 1), ("other", "b", 2), ("second", "a", 3), ("third", "a", 4)):
-            threads.append(threading.Thread(target=ask, args=(name, page, severity)))
-            threads[-1].start()
-            time.sleep(0.15)
-    for thread in threads:
-        thread.join(60)
-    assert answers["first"] == answers["second"] == {"outdated": True}
-    assert "result" in answers["other"]
-    assert "severity=4" in answers["third"]["result"]["call"]
+    def answer(response):
+        return json.loads(response.read().splitlines()[-1])
+
+    with ExitStack() as stack:
+        with app.model_does("wait"):
+            first = ask("a", 1).getresponse()
+            assert b"stage" in first.readline()
+            other, second = ask("b", 2), ask("a", 3)
+            assert answer(first) == {"outdated": True}
+            third = ask("a", 4)
+            assert answer(second.getresponse()) == {"outdated": True}
+        assert "result" in answer(other.getresponse())
+        assert "severity=4" in answer(third.getresponse())["result"]["call"]
 
 
 def test_the_page_is_served_while_a_model_works(app):
-    with app.waiting_preview(SCRIPTED) as connection:
+    with app.waiting_preview() as connection:
         with app.model_does("wait"):
             response = connection.getresponse()
             while b"predicting" not in response.readline():

@@ -99,7 +99,7 @@ def test_choosing_a_benchmark_filters_the_whole_page(opened):
         assert bool(page.locator("figure.drawn:visible").count()) == bool(figures)
         assert page.locator("#examples").is_visible() == (name == "demo")
         links = page.locator("nav a:visible").evaluate_all("links => links.map(link => link.getAttribute('href'))")
-        assert len(links) == len(set(links))
+        assert len(links) == len(set(links)) > 0
         assert all(page.locator(link).is_visible() for link in links)
     _kitti(page)
     page.locator(".audit input:visible").fill("brightflow")

@@ -126,7 +126,9 @@ def test_names_and_headings_are_readable_for_any_number_of_models(draw, recwarn)
     before = panel.get_position().bounds
     figure_bytes(figure, "svg")
     assert panel.get_position().bounds == before
-    assert all(re.search(r"\d+\.\d\d$", text.get_text()) for text in panel.texts if isinstance(text, Annotation))
+    names = [text.get_text() for text in panel.texts if isinstance(text, Annotation)]
+    assert names
+    assert all(re.search(r"\d+\.\d\d$", name) for name in names)
 
 
 def test_a_name_nearest_to_a_different_bubble_is_connected_with_its_own():
@@ -185,6 +187,7 @@ def test_axes_of_small_values_span_at_least_one_pixel():
     ]
     figure = clean_against_cre(close)
     assert all(high - low >= 1 for axis in "xy" for low, high in _edges(figure, axis))
+    assert figure.axes
     still = _rows().with_columns(rcre_sum=pl.col("n_valid") * 0.11 * pl.col("severity") / 5)
     ((low, high),) = _edges(severity_curves({"a": still}), "y")
     assert low == 0

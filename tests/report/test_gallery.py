@@ -120,6 +120,7 @@ def test_gallery_page_loads_nothing_shows_names_as_text_and_bounds_its_pictures(
     assert not re.search(r"(https?:|//[a-z]|@import|url\()", re.sub(r"base64,[A-Za-z0-9+/=]+", "", text))
     assert "default-src 'none'" in next(a["content"] for a in page.all("meta") if "http-equiv" in a)
     assert not page.all("link")
+    assert page.all("script")
     assert all("src" not in attrs for attrs in page.all("script"))
     (slider,) = page.all("input")  # no frame control for a pair
     assert (slider["type"], slider["min"], slider["max"], slider["value"]) == ("range", "1", "5", "3")

@@ -46,6 +46,7 @@ def test_rendered_tables_contain_every_number_and_name(format):
     for table in PAPER:
         text = render(table, format)
         found = re.findall(r"-?\d+\.\d+", text)
+        assert table.lines
         assert all(line.label in text.replace("\\", "") for line in table.lines)
         numbers = (re.match(r"-?\d+\.\d+", cell.text) for line in table.lines for cell in line.cells)
         assert {number[0] for number in numbers if number} <= set(found)
@@ -92,7 +93,9 @@ def test_markdown_of_hostile_names_stays_in_its_cells():
 @pytest.mark.parametrize("colour", [True, False])
 def test_terminal_shows_markup_as_text(colour):
     text = render_terminal(TABLE, colour=colour)
-    assert all(re.fullmatch("\x1b\\[[0-9;]*m", sequence) for sequence in re.findall("\x1b[^m]*m", text))
+    sequences = re.findall("\x1b[^m]*m", text)
+    assert bool(sequences) == colour
+    assert all(re.fullmatch("\x1b\\[[0-9;]*m", sequence) for sequence in sequences)
     assert "\x1b]" not in text
     assert "[red]" in text
 
@@ -130,7 +133,9 @@ def test_latex_of_hostile_names_has_no_live_command():
     ours = "begin end centering resizebox linewidth toprule midrule bottomrule cmidrule multicolumn textit textbf"
     ours += " rotatebox cellcolor boldmath textsuperscript caption label usepackage sbox usebox ifdim wd else fi"
     assert set(re.findall(r"\\([a-zA-Z]+)", bare)) <= set(ours.split())
-    assert all(line.count("{") == line.count("}") for line in bare.splitlines() if "1.00" in line)
+    lines = [line for line in bare.splitlines() if "1.00" in line]
+    assert lines
+    assert all(line.count("{") == line.count("}") for line in lines)
     assert text.count(r"\end{tabular}") == 1
     ligatures = escape("a--b---c----d,,e,,,f")
     assert "--" not in ligatures

@@ -229,6 +229,7 @@ def test_hostile_names_are_text(published):
     assert not re.search("[\x00-\x08\x0b-\x1f\x7f-\x9f\u202a-\u202e\u2066-\u2069]", text)
     data = data_of(text)
     assert "<img src=x onerror=alert(1)>" in {entry["name"] for entry in _entries(data)}
+    assert data["models"]
     assert all(re.fullmatch("[a-z0-9-]+", slug) for slug in data["models"])
 
 

@@ -9,10 +9,13 @@ import signal
 import time
 import zlib
 from contextlib import suppress
+from pathlib import Path
 
 import numpy as np
 
 from robustflow.testing import TexturePairs
+
+from .processes import wait_until
 
 
 class Sizes(TexturePairs):
@@ -44,16 +47,18 @@ class Logged:
     rows are detected.
     """
 
-    def __init__(self, shape: str = "500x741", pause: float | str = 0.0) -> None:
+    def __init__(self, shape: str = "500x741", marks: str = "") -> None:
         self._log = os.environ["PREDICTION_LOG"]
         self._shape = tuple(int(side) for side in shape.split("x"))
-        self._pause = pause
+        self._marks = marks
 
     def identity(self) -> dict[str, str]:
         return {"name": "logged"}
 
     def lookup(self, key: str, corruption: str, severity: int) -> np.ndarray:
-        time.sleep(0.2 * (self._pause == f"key {key}") if isinstance(self._pause, str) else self._pause)
+        if self._marks:  # a folder
+            Path(self._marks, key).touch()
+            wait_until(Path(self._marks, {"0": "1", "1": "rows of 0"}[key]).exists)
         with open(self._log, "a") as log:
             log.write(f"{os.getpid()} {key} {corruption} {severity}\n")
         value = zlib.crc32(f"{key} {corruption} {severity}".encode()) % 1000

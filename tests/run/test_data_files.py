@@ -99,8 +99,14 @@ def test_a_file_that_changes_during_a_run_is_detected_at_its_end(three, tmp_path
 
 
 def test_a_file_that_is_written_again_with_the_same_bytes_is_no_change(three, tmp_path):
-    model = _Changes(three / "2.bmp", lambda path: path.write_bytes(path.read_bytes()))
-    assert rf.evaluate(model, "folder", three, tmp_path / "run", **CHOSEN).manifest.finished is not None
+    written = []
+    model = _Changes(three / "2.bmp", lambda path: written.append(path.write_bytes(path.read_bytes())))
+    during = _run(model, three, tmp_path / "run")
+    fresh = _run(_Changes(three, print), three, tmp_path / "fresh")
+    assert written == [(three / "2.bmp").stat().st_size]
+    assert during.manifest.finished is not None
+    assert during.rows.equals(fresh.rows)
+    assert during.manifest.samples == fresh.manifest.samples
 
 
 def _digests(*arguments):

@@ -6,6 +6,8 @@ import os
 import threading
 import time
 from functools import partial
+from multiprocessing.connection import wait
+from unittest.mock import Mock
 
 import pytest
 
@@ -140,16 +142,20 @@ def test_error_is_the_first_in_the_plan_and_earlier_units_are_kept(tmp_path):
 
 
 def test_time_spent_on_writing_rows_is_no_prediction_time(tmp_path, monkeypatch):
-    """Sample 1 is being predicted while the rows of sample 0 are written."""
+    """Sample 1 is being predicted while the rows of sample 0 are written, which takes longer than the timeout."""
     monkeypatch.setenv("PREDICTION_LOG", os.devnull)
+    clock = Mock(wraps=time)
+    monkeypatch.setattr("robustflow.run.engines.processes.time", clock)
+    monkeypatch.setattr("robustflow.run.engines.processes.wait", lambda pipes, timeout: wait(pipes))
     data = TexturePairs(2, (24, 32))
-    model = ModelSpec(f"{MODELS}:Logged", (("shape", "24x32"), ("pause", "key 1")))
+    model = ModelSpec(f"{MODELS}:Logged", (("shape", "24x32"), ("marks", str(tmp_path))))
     (tmp_path / "clean").mkdir()
     job, units, finished = Job(data, name_model(model), folder=tmp_path), [Unit(key, "clean", (0,)) for key in "01"], []
-    for done in processes(job, units, 2, 0.6):
-        time.sleep(0.7)
+    for done in processes(job, units, 2, 100):
+        (tmp_path / "rows of 0").touch()
+        clock.monotonic = lambda: time.monotonic() + 200
         finished.append(done.unit.key)
-    assert sorted(finished) == ["0", "1"]
+    assert finished == ["0", "1"]
 
 
 def test_ctrl_c_while_an_engine_ends_is_raised_and_not_printed(tmp_path, monkeypatch):

@@ -97,7 +97,7 @@ def test_run_of_only_corruptions_without_truth_has_a_mean_rcre(tmp_path):
 
 @pytest.mark.parametrize(("corruption", "truth"), [("elastic_transform", "unchanged"), ("contrast", "none")])
 def test_row_rules_find_rows_whose_errors_do_not_match_their_truth(run, corruption, truth):
-    assert all(broken.is_empty() for _, broken in broken_rules(run.rows, row_rules()))
+    assert {broken.height for _, broken in broken_rules(run.rows, row_rules())} == {0}
     where = pl.col("corruption") == corruption
     rows = run.rows.with_columns(truth=pl.when(where).then(pl.lit(truth)).otherwise("truth"))
     broken = [set(found["corruption"]) for _, found in broken_rules(rows, row_rules()) if found.height]

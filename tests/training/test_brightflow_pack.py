@@ -196,6 +196,7 @@ def test_loss_of_a_batch_is_the_mean_of_its_pairs(given, case):
     number, count = max(map(int, CASES[case]["steps"])), len(given.batch.names)
     shares = [_alone(whole, pair) for pair in range(count)]
     together, *singly = (step(one, case, number, gradients=True) for one in (whole, *shares))
+    assert len(singly) == count > 1
     assert all(0 < one.terms["self"] < objective.FARTHEST for one in singly)
     for name, value in together.terms.items():
         assert value == pytest.approx(sum(one.terms[name] for one in singly) / count, rel=1e-6), name
@@ -221,7 +222,9 @@ def test_corrector_gives_the_originals_offsets_and_gradients(given, shared):
     assert gradients.keys() == expected["gradient_norms"].keys()
     for name, norm in expected["gradient_norms"].items():
         assert gradients[name].norm().item() == pytest.approx(norm, rel=GRADIENT, abs=1e-6), name
-    for key in [key for key in given.arrays if key.startswith("corrector/gradient/")]:
+    compared = [key for key in given.arrays if key.startswith("corrector/gradient/")]
+    assert len(compared) == 4
+    for key in compared:
         wanted = given.arrays[key]
         off = np.abs(gradients[key.removeprefix("corrector/gradient/")].numpy() - wanted).max()
         assert off <= GRADIENT * np.abs(wanted).max()

@@ -49,6 +49,7 @@ def pairs(chairs) -> TrainingPairs:
 
 def test_batches_are_the_same_with_any_number_of_loaders(pairs):
     alone = list(batches(pairs, Share(2), range(3, 14), 0))
+    assert len(alone) == 11
     for loaders in (1, 2, 20):
         together = list(batches(pairs, Share(2), range(3, 14), loaders))
         assert [batch.names for batch in together] == [batch.names for batch in alone]

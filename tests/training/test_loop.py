@@ -4,11 +4,12 @@ raises an error."""
 import json
 import os
 import random
+import select
 import shutil
 import signal
 import subprocess
 import time
-from contextlib import nullcontext
+from contextlib import nullcontext, suppress
 from dataclasses import replace
 from datetime import timedelta
 from pathlib import Path
@@ -38,7 +39,6 @@ from robustflow.training.validate import ValidationScores  # noqa: E402
 
 from ..models.textures import textured_pair  # noqa: E402
 from ..refusals import refusal  # noqa: E402
-from ..run.processes import descendants  # noqa: E402
 from .progress import (  # noqa: E402
     ONE_THREAD,
     StopAfter,
@@ -97,24 +97,33 @@ def test_training_killed_at_ten_moments_resumes_to_the_same_weights(request_for,
     assert_same_training(whole.output, killed.output)
 
 
+STARTS_AFTER_ITS_PARENT = """
+import os, sys, time
+if "--multiprocessing-fork" in sys.orig_argv:
+    parent = os.getppid()
+    with open(os.path.join(os.path.dirname(__file__), "starting"), "w") as file:
+        file.write(str(os.getpid()))
+    while os.getppid() == parent:
+        time.sleep(0.01)
+"""
+
+
 @pytest.mark.slow
 def test_a_killed_training_ends_the_loader_process_that_it_was_starting(request_for, tmp_path):
     """PyTorch's worker looks for a change of parent only after it has imported everything."""
+    os.mkfifo(tmp_path / "starting")
+    (tmp_path / "sitecustomize.py").write_text(STARTS_AFTER_ITS_PARENT)
     command = training_command(request_for(loaders=1), tmp_path)
-    process = subprocess.Popen(command, env=ONE_THREAD, stderr=subprocess.DEVNULL)
-    while not (started := [pid for pid, line in descendants(process.pid).items() if "spawn_main" in line]):
-        assert process.poll() is None
-        time.sleep(0.02)
+    process = subprocess.Popen(command, env=ONE_THREAD | {"PYTHONPATH": str(tmp_path)}, stderr=subprocess.DEVNULL)
+    ended = os.pidfd_open(int((tmp_path / "starting").read_text()))
     process.kill()
     process.wait()
-    worker, deadline = Path(f"/proc/{started[0]}"), time.monotonic() + 60
     try:
-        while worker.exists() and time.monotonic() < deadline:
-            time.sleep(0.2)
-        assert not worker.exists()
+        assert select.select([ended], [], [], 60)[0]
     finally:
-        if worker.exists():
-            os.kill(started[0], signal.SIGKILL)
+        with suppress(ProcessLookupError):
+            signal.pidfd_send_signal(ended, signal.SIGKILL)
+        os.close(ended)
 
 
 def test_the_file_is_a_checkpoint_that_run_reads_and_labels(request_for):

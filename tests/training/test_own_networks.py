@@ -51,7 +51,9 @@ def test_own_network_is_trained_and_its_checkpoint_loads(request_of):
     model = rf.load_model(method("Net"), checkpoint=str(path), device="cpu", **OPTIONS)
     assert torch.equal(model.net.module.last.weight, state["last.weight"])
     run_training(replace(own, resume=True))
-    assert all(torch.equal(value, state[name]) for name, value in weights(path).items())
+    resumed = weights(path)
+    assert resumed.keys() == state.keys()
+    assert all(torch.equal(value, state[name]) for name, value in resumed.items())
 
 
 @pytest.mark.parametrize(
@@ -134,6 +136,7 @@ def test_random_convolutions_of_methods_without_labels_are_he_normal_with_zero_b
 def test_random_weights_of_a_training_are_those_of_a_run():
     plain = rf.load_model("raft_small", checkpoint="random", device="cpu").net.model.state_dict()
     _, network = load_network(load_recipe("raft_small", "chairs"), "random")
+    assert network.weights().keys() == plain.keys()
     assert all(torch.equal(plain[key], value) for key, value in network.weights().items())
 
 

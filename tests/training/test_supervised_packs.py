@@ -164,7 +164,9 @@ def test_flows_and_gradients_of_the_first_step_equal_the_originals(name, case):
     for key, norm in norms.items():
         if norm and norm > ROUNDING:
             assert step.gradients[key].norm().item() == pytest.approx(norm, rel=TOLERANCES[name].gradient_norm), key
-    for key in [key for key in pack.arrays if key.startswith(f"{case}/gradient/")]:
+    compared = [key for key in pack.arrays if key.startswith(f"{case}/gradient/")]
+    assert compared
+    for key in compared:
         if norms[parameter := key.rpartition("/")[2]] > ROUNDING:
             off = np.abs(step.gradients[parameter].numpy() - pack.arrays[key]).max()
             assert off <= TOLERANCES[name].gradient * np.abs(pack.arrays[key]).max(), key
@@ -175,7 +177,9 @@ def test_weights_after_the_steps_equal_the_originals(name, case):
     pack = pack_of(name)
     expected, (_, weights) = pack.header["cases"][case], made(name, case)
     moved = sum(expected["rate"])
-    for key in [key for key in pack.arrays if key.startswith(f"{case}/after/")]:
+    compared = [key for key in pack.arrays if key.startswith(f"{case}/after/")]
+    assert compared
+    for key in compared:
         norm = expected["gradient_norms"].get(parameter := key.rpartition("/")[2])
         if not norm or norm > ROUNDING:  # Adam turns rounding errors into full-size steps
             assert np.abs(weights[parameter].numpy() - pack.arrays[key]).mean() <= 1e-2 * moved, key

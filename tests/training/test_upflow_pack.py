@@ -99,5 +99,7 @@ def test_gradients_of_the_first_step_equal_the_originals(case):
 @pytest.mark.parametrize("case", CASES)
 def test_weights_after_the_steps_equal_the_originals(case):
     arrays, (_, weights) = pack().arrays, made(case)
-    for key in [key for key in arrays if key.startswith(f"{case}/after/")]:
+    compared = [key for key in arrays if key.startswith(f"{case}/after/")]
+    assert len(compared) == 10
+    for key in compared:
         np.testing.assert_allclose(weights[key.rpartition("/")[2]], arrays[key], rtol=0, atol=WEIGHT)

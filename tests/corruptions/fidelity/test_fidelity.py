@@ -94,19 +94,30 @@ def test_frames_are_the_references_pixel_by_pixel_and_on_average(name, key):
             assert values.std() == pytest.approx(expected[f"std_{letter}_{number}"], abs=allowed)
 
 
-@pytest.mark.parametrize("severity", [1, 2, 3, 4, 5])
+PSF = {
+    1: (-0.18, 0.982, 0.871, 1.157),
+    2: (-0.035, 1.028, 0.920, 0.960),
+    3: (-0.44, 0.968, 0.975, 1.065),
+    4: (-0.633, 1.026, 1.123, 1.023),
+    5: (-0.446, 1.007, 1.002, 0.997),
+}
+"""Measured differences from the reference, whose lenses are others: PSNR in dB, and ratios of the gradients, DIS's CRE
+and Farneback's. Both signs occur: over the severities, the CRE of DIS is 2 % lower, Farneback's 4 % higher."""
+
+
+@pytest.mark.parametrize("severity", PSF)
 def test_psf_blur_is_as_strong_as_the_reference(shared, severity):
-    """The shipped lenses are not the reference's, so the statistics agree only approximately."""
+    psnr, gradient, of_dis, of_farneback = PSF[severity]
     shared("corruption-reference", "reference.json")
     pair = corrupt(*reference.clean(), "psf_blur", severity)
     found = image_stats(reference.clean(), pair) | flow_stats(pair, reference.clean_flows(), *reference.truth())
     expected = reference.table()["psf_blur_repaired"][f"s{severity}"]
     for number in (1, 2):
-        assert found[f"psnr_{number}"] == pytest.approx(expected[f"psnr_{number}"], abs=1.0)
-        assert found[f"grad_{number}"] == pytest.approx(expected[f"grad_{number}"], rel=0.3)
+        assert found[f"psnr_{number}"] == pytest.approx(expected[f"psnr_{number}"] + psnr, abs=0.03)
+        assert found[f"grad_{number}"] == pytest.approx(gradient * expected[f"grad_{number}"], rel=0.003)
         for letter in "rgb":
             # the reference truncates, which reduces the mean by half a level; rounding does not
             mean = expected[f"mean_{letter}_{number}"] + 0.5
             assert found[f"mean_{letter}_{number}"] == pytest.approx(mean, abs=0.6)
-    assert found["cre_dis"] == pytest.approx(expected["cre_dis"], rel=0.15)
-    assert found["cre_farneback"] == pytest.approx(expected["cre_farneback"], rel=0.2)
+    assert found["cre_dis"] == pytest.approx(of_dis * expected["cre_dis"], rel=0.01)
+    assert found["cre_farneback"] == pytest.approx(of_farneback * expected["cre_farneback"], rel=0.01)

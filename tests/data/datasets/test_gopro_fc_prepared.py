@@ -174,8 +174,8 @@ def test_cache_keeps_its_limit_and_evicted_variants_are_computed_again(prepared,
     small.cache.limit = 0
     for severity in (1, 3, 5, 1):
         key, name = "scene/000032", "h264_crf"
-        pairs = zip(whole.corrupted(key, name, severity), small.corrupted(key, name, severity), strict=True)
-        assert all((a == b).all() for a, b in pairs)
+        pair, again = (dataset.corrupted(key, name, severity) for dataset in (whole, small))
+        assert [(a == b).all() for a, b in zip(pair, again, strict=True)] == [True, True]
         assert len(small.cache.entries()) == 1
     assert len(whole.cache.entries()) == 3
     assert len(small.clip_records()) == 3  # the error is remembered
