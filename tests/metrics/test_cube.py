@@ -10,6 +10,7 @@ import pytest
 from robustflow.core.errors import RunError, UsageError
 from robustflow.metrics.cube import Cube
 from robustflow.metrics.measures import EVERY, MEASURES, REGION_MEASURES, Average, Increase, Ratio
+from robustflow.stats.estimate import contrast
 from tests.made_rows import rows_frame
 from tests.refusals import refusal
 from tests.run.mean_rows import THREE_IMAGES, row
@@ -56,8 +57,31 @@ def test_value_that_is_not_finite_makes_the_mean_of_its_condition_unknown():
     undefined = Average(
         "u", total=pl.when(pl.col("sample") != "b").then("epe_sum").otherwise(math.nan), count=pl.lit(1)
     )
-    assert CUBE.known(undefined) == {}
+    assert not any(map(math.isfinite, CUBE.known(undefined).values()))
+    assert all(CUBE.mean(undefined, *at) is None for at in CUBE.scopes)
     assert np.isinf(CUBE.images(undefined)[1]).all()
+
+
+@pytest.mark.parametrize(
+    ("clean", "fog", "known"),
+    [
+        (1.0, 3.0, {"epe", "cre", "crer", "median_cre"}),
+        (1e5, 1e5, {"epe", "cre", "crer", "median_cre"}),
+        (1e28, 1e28, {"epe"}),
+        (1.0, 1e28, {"epe"}),
+        (0.003, 0.15, {"epe", "cre", "median_cre"}),
+    ],
+)
+def test_change_that_rounding_hides_and_ratio_to_no_error_are_unknown(clean, fog, known):
+    """An outlier of 1e30 px leaves a difference of 0; a mean that includes such a condition is unknown, too."""
+    errors = [("clean", 0, clean), ("fog", 1, fog), ("snow", 1, clean + 1)]
+    rows = rows_frame(row(f"{n}", corruption, at, epe=epe) for n in range(6) for corruption, at, epe in errors)
+    cube = Cube.of(rows)
+    measures = {name: EVERY[name] for name in ("epe", "cre", "crer", "median_cre")}
+    for condition in ("fog", "average"):
+        assert {name for name, *_ in cube.means(measures, [(condition, None)])} == known
+        tests = contrast({"A": cube, "B": Cube.of(rows)}, measures, [(condition, None)])
+        assert set(tests["measure"]) == known
 
 
 def test_rows_of_which_few_cells_were_measured_are_refused_where_memory_matters(monkeypatch):

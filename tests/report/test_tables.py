@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from functools import partial
 
+import numpy as np
 import pytest
 
 from robustflow.core.errors import UsageError
@@ -13,7 +14,10 @@ from robustflow.stats.model_result import ModelResult, lines_of
 from robustflow.stats.published.tables import published_frame, published_results
 from robustflow.stats.results_file import parse_results
 from robustflow.stats.seeds import SeedGroup
+from tests.made_rows import made_run
 from tests.refusals import refusal
+
+from ..stats.simulated import Truth, rows_of
 
 _SETTING = {"Knowledge-driven (knowledge)": "knowledge", "Out-of-domain (OOD)": "OOD", "In-domain (ID)": "ID"}
 
@@ -124,3 +128,12 @@ def test_every_run_and_published_row_is_in_a_table_or_named(runs_without_truth, 
     refusal(partial(tables_of, runs, published=True, wanted=["row"]), UsageError, "--published")
     with pytest.warns(UserWarning, match="Farneback"):
         tables_of([small_run, *runs], published=True, wanted=["epe"])
+
+
+@pytest.mark.parametrize(("scale", "reason"), [(1.0, ""), (1e28, "no CRE"), (1e-4, "no CREr")])
+def test_line_of_a_run_names_why_it_has_no_cre_or_crer(small_run, scale, reason):
+    clean, corrupted = Truth().draw(np.random.default_rng(0), np.ones(8, int))
+    run = made_run(small_run, rows_of(scale * clean, scale * corrupted, scale * corrupted), "model")
+    (table,) = tables_of([run], published=False, wanted=["means"])
+    assert f"{reason}:" in table.lines[0].note if reason else "no CRE" not in table.lines[0].note
+    assert (run.cre is None, run.crer is None) == (reason == "no CRE", bool(reason))

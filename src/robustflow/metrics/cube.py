@@ -19,7 +19,7 @@ import numpy.typing as npt
 import polars as pl
 
 from ..core.errors import RunError, UsageError
-from .error_maps import crer
+from .error_maps import LARGEST_ERROR, cre, crer
 from .measures import CLEAN_MEASURES, MEASURES, REGION_MEASURES, Average, Increase, Measure, Ratio, exact_mean
 from .rows import CLEAN, COLUMNS, ROW_KEY, ROW_SCHEMA
 
@@ -179,8 +179,7 @@ class Cube:
     def images(self, measure: Average | Increase) -> Images:
         """Return the value of each image under each condition."""
         if isinstance(measure, Increase):
-            with np.errstate(invalid="ignore"):
-                return self.images(measure.after) - self.images(measure.before)
+            return increase(self.images(measure.after), self.images(measure.before))
         ratio = measure.factor * _number(measure.total) / measure.count.cast(pl.Float64)
         return self._dense(measure, ratio.fill_nan(math.inf))
 
@@ -205,7 +204,8 @@ class Cube:
         return self._seen[count]
 
     def known(self, measure: Average | Increase) -> Mapping[int, float]:
-        """Return the mean over the images of each column in which the measure is known."""
+        """Return the mean over the images of each column in which the measure was measured; infinite where it is
+        undefined."""
         if measure not in self._of_columns:
             arrays = [self._parts(part) for part in measure.parts]
             seen = np.logical_and.reduce([~np.isnan(values) for values, *_ in arrays])
@@ -216,8 +216,8 @@ class Cube:
                     _over_images(part, *(array[some, column] for array in of_part))
                     for part, of_part in zip(measure.parts, arrays, strict=True)
                 )
-                if math.isfinite(mean := after - before[0] if before else after):
-                    means[column] = mean
+                mean = cre(after, before[0]) if before else after
+                means[column] = mean if mean is not None and math.isfinite(mean) else math.inf
             self._of_columns[measure] = means
         return self._of_columns[measure]
 
@@ -228,12 +228,14 @@ class Cube:
         return self._dense(measure, _number(measure.total)), self._dense(measure, measure.count.cast(pl.Float64))
 
     def mean(self, measure: Measure, condition: str, severity: int | None = None) -> float | None:
-        """Return a mean; None if nothing was measured."""
+        """Return a mean; None if nothing was measured, or if it is undefined under one of the conditions."""
         if isinstance(measure, Ratio):
             return crer(self.mean(measure.above, condition, severity), self.mean(measure.below, CLEAN))
         means = self.known(measure)
         scope = self.scope(condition, severity, means)
-        return exact_mean([exact_mean([means[k] for k in columns]) for columns in scope]) if scope else None
+        if not scope or any(math.isinf(means[k]) for columns in scope for k in columns):
+            return None
+        return exact_mean([exact_mean([means[k] for k in columns]) for columns in scope])
 
     def means(self, measures: Mapping[str, Measure], scopes: Iterable[Scope] | None = None) -> Means:
         """Return the known means of measures over scopes, by default over all."""
@@ -275,6 +277,12 @@ class Cube:
                 or not self.counts[samples[sample], conditions[corruption, severity]]
             ):
                 yield sample, corruption, severity
+
+
+def increase(after: Images, before: Images) -> Images:
+    """Return by how much values rise; infinite where one is above `LARGEST_ERROR`."""
+    with np.errstate(invalid="ignore"):
+        return np.where(np.maximum(after, before) > LARGEST_ERROR, math.inf, after - before)
 
 
 def _number(value: pl.Expr) -> pl.Expr:

@@ -40,6 +40,11 @@ from ..core.types import Flow, Mask, described_array
 
 FL_PIXELS = 3.0
 FL_SHARE = 0.05
+LEAST_CLEAN = 1 / 64
+"""The step in which KITTI stores ground truth, in pixels: nothing is divided by a smaller clean error."""
+LARGEST_ERROR = 2.0**27
+"""Mean error of an image in pixels above which differences are not known to a hundredth of a pixel: its sum over half a
+million pixels is rounded by up to 2^-53 of itself at each addition."""
 WAUC_STEPS = 100
 WAUC_PER_PIXEL = 20
 """Number of WAUC thresholds per pixel of error; the largest threshold is WAUC_STEPS / WAUC_PER_PIXEL = 5 px."""
@@ -66,16 +71,15 @@ def wauc_points(error: Any) -> Any:
 
 
 def cre(epe: float | None, epe_clean: float | None) -> float | None:
-    """Return the Corruption Robustness Error, i.e. the increase in error, in pixels; None if either error is None."""
-    return None if epe is None or epe_clean is None else epe - epe_clean
+    """Return the Corruption Robustness Error, i.e. the increase in error, in pixels; None if either error is None or
+    above `LARGEST_ERROR`."""
+    return None if epe is None or epe_clean is None or max(epe, epe_clean) > LARGEST_ERROR else epe - epe_clean
 
 
 def crer(cre: float | None, epe_clean: float | None) -> float | None:
-    """Return the Corruption Robustness Error ratio; None if the CRE is None or the clean error is exactly 0."""
-    if cre is None or not epe_clean:
-        return None
-    ratio = cre / epe_clean
-    return ratio if math.isfinite(ratio) else None
+    """Return the Corruption Robustness Error ratio; None if the CRE is None or the clean error is None or below
+    `LEAST_CLEAN`."""
+    return None if cre is None or epe_clean is None or epe_clean < LEAST_CLEAN else cre / epe_clean
 
 
 Errors = npt.NDArray[np.float64]

@@ -15,6 +15,7 @@ from typing import Any, Literal
 
 import polars as pl
 
+from .error_maps import LARGEST_ERROR
 from .regions import REGIONS
 from .rows import CLEAN, COVERAGES
 
@@ -219,7 +220,8 @@ CONFIDENCE: dict[str, Measure] = {
     "rejected": _percent("rejected", pl.col("rejected_count"), _known("rejected_count", _all)),
 }
 
-_ratio = (pl.col("epe_sum") / _valid / (pl.col("clean_epe_sum") / _valid)).log()
+_after, _before = pl.col("epe_sum") / _valid, pl.col("clean_epe_sum") / _valid
+_ratio = (_after / _before).log()
 _positive = pl.when((pl.col("epe_sum") > 0) & (pl.col("clean_epe_sum") > 0)).then(pl.when(_valid > 0).then(1))
 _explains: Any = {"bounds": SIGNED, "verdict": "explains", "paired": "n_valid"}
 
@@ -235,7 +237,7 @@ UNCOUPLED: dict[str, Measure] = {
     "median_cre": Average(
         "median CRE",
         **_explains,
-        total=pl.col("epe_sum") / _valid - pl.col("clean_epe_sum") / _valid,
+        total=pl.when(pl.max_horizontal(_after, _before) <= LARGEST_ERROR).then(_after - _before).otherwise(math.inf),
         count=pl.when(_valid > 0).then(1),
         over=middle,
     ),

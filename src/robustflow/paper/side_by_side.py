@@ -11,6 +11,7 @@ from ..core.arguments import SEVERITIES
 from ..core.text import text_cell
 from ..corruptions.registry import FAMILIES
 from ..data.benchmarks import benchmark_facts
+from ..metrics.error_maps import crer
 from ..metrics.measures import exact_mean
 from ..report.table import Column, Row, Table
 from ..run.run import Run
@@ -91,9 +92,9 @@ def _values_over(line: ModelResult, corruptions: Sequence[str]) -> MetricValues:
         if of_these := [values[metric, name] for name in corruptions if (metric, name) in values]:
             values[metric, AVERAGE] = exact_mean(of_these)
     cre, clean = {name: line.cre[name] for name in corruptions if name in line.cre}, values.get(("epe", CLEAN))
-    if cre and clean:
-        values[CRER] = exact_mean([*cre.values()]) / clean
-    return values | {("crer", family): crer for family, crer in family_crer(cre, clean).items()}
+    if (ratio := crer(exact_mean([*cre.values()]) if cre else None, clean)) is not None:
+        values[CRER] = ratio
+    return values | {("crer", family): value for family, value in family_crer(cre, clean).items()}
 
 
 def columns_of(artefact: Artefact, variants: Sequence[SideBySide]) -> list[tuple[Column, tuple[str, str]]]:

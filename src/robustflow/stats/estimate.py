@@ -19,7 +19,8 @@ import polars as pl
 
 from ..core.errors import RunError
 from ..corruptions.registry import MEMBERS, ordered
-from ..metrics.cube import AVERAGE, PAPER, Cube, Images, Scope
+from ..metrics.cube import AVERAGE, PAPER, Cube, Images, Scope, increase
+from ..metrics.error_maps import crer
 from ..metrics.measures import MEASURES, PERCENT, Average, Increase, Measure, Ratio, exact_mean
 from ..metrics.rows import CLEAN
 from ..run.comparable import common_cells
@@ -104,26 +105,27 @@ class Joint:
         self.cubes = _aligned(cubes)
         self.left_out = sum(cube.cell.size for cube in cubes) - sum(cube.cell.size for cube in self.cubes)
         self.clusters, self.cluster = joint_clusters(self.cubes)
-        self._of: tuple[Measure, list[_Sums], set[int]] | None = None
+        self._of: tuple[Measure, list[_Sums], dict[int, bool]] | None = None
         self._clean: dict[Measure, list[Scores] | None] = {}
 
-    def of(self, measure: Average | Increase) -> tuple[list[_Sums], set[int]]:
-        """Return a measure of each model, and the columns in which all know it; one measure is in memory at a time."""
+    def of(self, measure: Average | Increase) -> tuple[list[_Sums], dict[int, bool]]:
+        """Return a measure of each model, and for each column that all measured whether it is defined for all; one
+        measure is in memory at a time."""
         if self._of is None or self._of[0] is not measure:
             self._of = None
             parts = [[cube.images(part) for part in measure.parts] for cube in self.cubes]
             missing = np.logical_or.reduce([np.isnan(images) for of_model in parts for images in of_model])
             number = self._add(~missing)
-            known, sums = number.any(axis=0), []
+            finite, sums = np.full(number.shape[1], True), []
             for of_model in parts:
                 with np.errstate(invalid="ignore"):
-                    values = np.subtract(*of_model) if len(of_model) > 1 else of_model[0]
+                    values = increase(*of_model) if len(of_model) > 1 else of_model[0]
                     of_model.clear()
                     values[missing] = np.nan
                     total = self._add(np.where(missing, 0.0, values))
-                    known &= np.isfinite(total).all(axis=0)
+                    finite &= np.isfinite(total).all(axis=0)
                 sums.append(_Sums(values, total, number))
-            self._of = measure, sums, set(np.flatnonzero(known).tolist())
+            self._of = measure, sums, {k: bool(finite[k]) for k in np.flatnonzero(number.any(axis=0)).tolist()}
         return self._of[1:]
 
     def _add(self, images: Array) -> Array:
@@ -134,11 +136,13 @@ class Joint:
         return added
 
     def scope(self, measure: Measure, condition: str, severity: int | None) -> list[list[int]]:
-        """Return the columns that a mean averages: those in which all models know the measure."""
+        """Return the columns that a mean averages: those that all models measured; none if it is undefined in one."""
         part = measure.above if isinstance(measure, Ratio) else measure
         if condition == CLEAN and not measure.on_clean:
             return []
-        return self.cubes[0].scope(condition, severity, self.of(part)[1])
+        defined = self.of(part)[1]
+        scope = self.cubes[0].scope(condition, severity, defined)
+        return scope if all(defined[k] for columns in scope for k in columns) else []
 
     def scores(self, measure: Average | Increase, condition: str, severity: int | None = None) -> list[Scores] | None:
         """Return what each cluster adds to the mean of each model; None where it is not known, or not a mean."""
@@ -229,7 +233,7 @@ def _uncertainty(joint: Joint, measure: Measure, at: Scope) -> dict[str, Any]:
     """Return the standard error and the interval of a mean of one model."""
     below = joint.clean_scores(measure.below) if isinstance(measure, Ratio) else None
     top = joint.scores(measure.above if isinstance(measure, Ratio) else measure, *at)
-    if top is None or (isinstance(measure, Ratio) and (below is None or not below[0].mean)):
+    if top is None or (isinstance(measure, Ratio) and below is None):
         return {}
     (scores,) = top
     linear = scores if below is None else _linearised(scores, below[0], float(scores.mean / below[0].mean))
@@ -325,9 +329,12 @@ def _values(joint: Joint, measure: Measure, at: Scope) -> tuple[list[float] | No
     it. What clusters add to ratios is what is left of them after the mean of all, to first order."""
     if isinstance(measure, Ratio):
         below, above = joint.clean_scores(measure.below), joint.scores(measure.above, *at)
-        if above is None or below is None or any(not scores.mean for scores in below):
+        if above is None or below is None:
             return None, None
-        values = [float(top.mean / bottom.mean) for top, bottom in zip(above, below, strict=True)]
+        ratios = [crer(float(top.mean), float(bottom.mean)) for top, bottom in zip(above, below, strict=True)]
+        values = [ratio for ratio in ratios if ratio is not None]
+        if len(values) < len(ratios):
+            return None, None
         center = exact_mean(values)
         return values, [_linearised(*both, center) for both in zip(above, below, strict=True)]
     scores = joint.scores(measure, *at)

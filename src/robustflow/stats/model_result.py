@@ -12,12 +12,13 @@ import polars as pl
 from ..core.text import plain
 from ..corruptions.registry import MEMBERS
 from ..metrics.cube import PAPER
+from ..metrics.error_maps import crer
 from ..metrics.measures import LEADING
 from ..metrics.regions import REGIONS
 from ..run.comparable import run_names, sample_set
 from .frame import LINE, once, results_frame
 from .intervals import IntervalEnds
-from .results import AVERAGE, CLEAN, RESULT_METRICS, family_means
+from .results import AVERAGE, CLEAN, RESULT_METRICS, family_crer, family_means
 
 if TYPE_CHECKING:
     from ..run.run import Run
@@ -159,9 +160,10 @@ def _derived(values: Mapping[ValueKey, Value]) -> dict[ValueKey, Value]:
         of_metric = {of: value.number for (kind, of), value in values.items() if kind == metric}
         made |= {(metric, family): mean for family, mean in family_means(of_metric).items()}
     cre, clean = changes(values), values.get(("epe", CLEAN))
-    if clean is not None and clean.number:
-        made |= {("crer", family): mean / clean.number for family, mean in family_means(cre).items()}
-        made |= {CRER: cre[AVERAGE] / clean.number} if AVERAGE in cre else {}
+    if clean is not None:
+        made |= {("crer", family): ratio for family, ratio in family_crer(cre, clean.number).items()}
+        if (of_average := crer(cre.get(AVERAGE), clean.number)) is not None:
+            made[CRER] = of_average
     return {key: Value(number, derived=True) for key, number in made.items()}
 
 

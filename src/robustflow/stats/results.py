@@ -8,6 +8,7 @@ from ..core.text import plain
 from ..corruptions.registry import FAMILIES, MEMBERS, ON_DISK, ON_DISK_PREFIX, family_of
 from ..data.benchmarks import benchmark_facts
 from ..metrics.cube import AVERAGE
+from ..metrics.error_maps import crer
 from ..metrics.measures import LABELS, UNITS, exact_mean
 from ..metrics.rows import CLEAN
 
@@ -71,10 +72,9 @@ def family_means(values: Mapping[str, float]) -> dict[str, float]:
 
 
 def family_crer(cre: Mapping[str, float], clean: float | None) -> dict[str, float]:
-    """Return the CREr of each family: the mean CRE of its measured corruptions, divided by the clean EPE; empty if the
-    clean EPE is 0 or unknown.
-    """
-    return {family: mean / clean for family, mean in family_means(cre).items()} if clean else {}
+    """Return the CREr of each family: the mean CRE of its measured corruptions, divided by the clean EPE (`crer`)."""
+    ratios = {family: crer(mean, clean) for family, mean in family_means(cre).items()}
+    return {family: ratio for family, ratio in ratios.items() if ratio is not None}
 
 
 def metric_label(metric: str) -> str:

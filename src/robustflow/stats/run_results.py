@@ -67,7 +67,7 @@ def comparison_note(run: Run, beside_published: bool = False) -> str:
         remarks.append("calibrated severities" + (", not the paper's" if facts.published else ""))
     if not run.measured.complete:
         remarks.append("not complete")
-    remarks.append(run.provenance.backbone_note)
+    remarks += [run.provenance.backbone_note, unknown_change(run)]
     return "; ".join(filter(None, remarks))
 
 
@@ -76,6 +76,15 @@ def estimate_of(run: Run) -> str:
     planned = run.manifest
     facts = benchmark_facts(run.benchmark)
     return "" if planned.uneven else estimate_remark(facts, planned.corruptions, planned.severities)
+
+
+def unknown_change(run: Run) -> str:
+    """Return why a run with errors has no CRE or no CREr; "" if it has both."""
+    if run.epe is None or run.epe_clean is None or run.crer is not None:
+        return ""
+    if run.cre is None:
+        return f"no CRE: with errors of {run.epe_clean:.2g} px, differences are below the rounding of sums"
+    return f"no CREr: a clean EPE of {run.epe_clean:.2g} px is below 1/64 px, the step of stored ground truth"
 
 
 def _pairs_note(benchmark: str, pairs: int, protocol: dict[str, Any]) -> str:
