@@ -1,7 +1,8 @@
-"""Kill a run with each engine, and a training, at random moments (SIGKILL), continue them, and compare rows and weights
-with those of an undisturbed one; report the processes that outlive a kill by 10 s.
+"""Kill a run with each engine, and a training, at random moments (SIGKILL), continue them, and compare their files with
+those of an undisturbed one: rows and summary, or checkpoint and log. Print a line per kill, with the processes that
+outlive it by 10 s, and then a line per engine, with the folders that are left in the folder for temporary files.
 
-    python bench/kills.py [serial processes ray training] --kills 20
+    python bench/kills.py [serial processes device ray training] --kills 20
 """
 
 from __future__ import annotations
@@ -10,61 +11,136 @@ import argparse
 import json
 import os
 import random
-import signal
 import subprocess
 import sys
 import tempfile
 import time
+from contextlib import suppress
 from pathlib import Path
 
-RUN = ["run", "tiny", "-c", "fog,contrast,gaussian_noise,jpeg_compression", "--no-examples"]
+import cv2
+import numpy as np
+
+import robustflow as rf
+
+RUN = ["run", "-m", "kills:Slow", "-b", "folder", "-c", "fog,contrast,gaussian_noise,jpeg_compression", "--no-examples"]
 TRAIN = ["train", "tiny", "--recipe", "shapes", "--mix", "small_shapes", "--init", "random", "--save-every", "1"]
-TRAIN += ["--steps", "60", "--batch-size", "1", "--crop", "64x64", "--seed", "3"]
+TRAIN += ["--steps", "20", "--batch-size", "1", "--crop", "64x64", "--seed", "3"]
 WHAT = {
     "serial": [*RUN, "--engine", "serial"],
     "processes": [*RUN, "--engine", "processes", "--workers", "2"],
+    "device": [*RUN, "--engine", "processes", "--workers", "2", "-O", "device=cuda:0"],
     "ray": [*RUN, "--engine", "ray", "--workers", "2"],
     "training": [*TRAIN, "--loaders", "2"],
 }
 
 
-def start(what: str, folder: Path) -> subprocess.Popen[bytes]:
-    command = [sys.executable, "-m", "robustflow", *WHAT[what], "--output", str(folder)]
-    if (folder / "last.pth").exists():
-        command.append("--resume")
-    elif what == "training":
-        for left in folder.glob("metrics.jsonl"):
-            left.unlink()
-    environment = {**os.environ, "BENCH_KILLS": str(folder)}
-    return subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, env=environment)
+class Slow:
+    """DIS with a pause; it may claim to be on an accelerator."""
+
+    def __init__(self, device: str = "cpu") -> None:
+        self.device, self._model = device, rf.load_model("dis")
+
+    def predict(self, frame1: np.ndarray, frame2: np.ndarray) -> np.ndarray:
+        time.sleep(0.05)
+        return self._model.predict(frame1, frame2)
 
 
-def outcome(what: str, folder: Path) -> object:
-    """Return the rows of a run, or the weights and the log of a training."""
+def start(what: str, whole: Path, output: Path) -> subprocess.Popen[bytes]:
+    command = [sys.executable, "-m", "robustflow", *WHAT[what], "--output", str(output)]
     if what != "training":
-        import robustflow as rf
+        command += ["--data", str(whole / "frames")]
+    elif (output / "last.pth").exists():
+        command.append("--resume")
+    else:
+        (output / "metrics.jsonl").unlink(missing_ok=True)
+    own = {"PYTHONPATH": str(Path(__file__).parent), "TMPDIR": str(whole / "t")}
+    with open(whole / "errors", "wb") as errors:
+        return subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=errors, env={**os.environ, **own})
 
-        return rf.load_run(folder).rows.sort("sample", "corruption", "severity").rows()
-    import torch
 
-    weights = torch.load(folder / "last.pth", weights_only=True)["model"]
-    log = [json.loads(line) | {"seconds": 0} for line in (folder / "metrics.jsonl").read_text().splitlines()]
-    return {name: value.tolist() for name, value in weights.items()}, log
+def progress(output: Path) -> str:
+    """Return what is kept of a killed run or training."""
+    if (output / "metrics.jsonl").exists():
+        return f"{len((output / 'metrics.jsonl').read_text().splitlines())} updates"
+    with suppress(rf.RobustFlowError):
+        return f"{rf.load_run(output).rows.height} rows"
+    return "nothing"
 
 
-def left_over(folder: Path) -> int:
-    """Return the number of processes with the mark of this script in their environment after at most 10 s."""
-    mark, deadline = f"BENCH_KILLS={folder}".encode(), time.monotonic() + 10
+def outcome(output: Path) -> tuple[object, bytes]:
+    """Return the rows and the summary of a run, or the log and the checkpoint of a training."""
+    if (output / "last.pth").exists():
+        lines = (output / "metrics.jsonl").read_text().splitlines()
+        return [json.loads(line) | {"seconds": 0} for line in lines], (output / "last.pth").read_bytes()
+    rows = rf.load_run(output).rows.sort("sample", "corruption", "severity").rows()
+    return rows, (output / "summary.json").read_bytes()
+
+
+def left_over(mark: str) -> list[str]:
+    """Return the processes that have a folder in their environment or command or among their open files after at most
+    10 s."""
+    deadline = time.monotonic() + 10
     while True:
-        count = 0
-        for path in Path("/proc").glob("[0-9]*/environ"):
-            try:
-                count += mark in path.read_bytes()
-            except OSError:
-                continue
-        if not count or time.monotonic() > deadline:
-            return count
+        left = [process.name for process in Path("/proc").glob("[0-9]*") if _has(process, mark)]
+        if not left or time.monotonic() > deadline:
+            return left
         time.sleep(0.2)
+
+
+def _has(process: Path, mark: str) -> bool:
+    for name in ("environ", "cmdline"):
+        with suppress(OSError):
+            if mark.encode() in (process / name).read_bytes():
+                return True
+    with suppress(OSError):
+        return any(mark in os.readlink(file) for file in (process / "fd").iterdir())
+    return False
+
+
+def finished(process: subprocess.Popen[bytes], whole: Path) -> None:
+    if process.wait() != 0:
+        raise SystemExit(f"exit code {process.returncode}:\n{(whole / 'errors').read_text()}")
+
+
+def kill(what: str, wanted: int, whole: Path) -> None:
+    (whole / "t").mkdir()
+    (whole / "frames").mkdir()
+    texture = np.kron(np.random.default_rng(0).integers(0, 256, (20, 24, 3), np.uint8), np.ones((4, 4, 1), np.uint8))
+    for number in range(3):
+        cv2.imwrite(str(whole / f"frames/{number}.png"), texture[:64, 2 * number : 2 * number + 80])
+    began = time.monotonic()
+    finished(start(what, whole, whole / "undisturbed"), whole)
+    length, moments, undisturbed = time.monotonic() - began, random.Random(1), outcome(whole / "undisturbed")
+    print(f"{what}: undisturbed {length:.1f} s, {progress(whole / 'undisturbed')}", flush=True)
+    kills = ends = first_differ = second_differ = processes = 0
+    last = False
+    while not last:
+        last = kills == wanted
+        output = whole / str(ends)
+        process = start(what, whole, output)
+        if not last:
+            try:
+                process.wait(moments.uniform(0.3, 1.0) * length)
+            except subprocess.TimeoutExpired:
+                process.kill()
+                process.wait()
+                kills += 1
+                left = left_over(str(whole))
+                processes += len(left)
+                print(f"{what}: kill {kills}, kept {progress(output)}, processes left {left}", flush=True)
+                continue
+        finished(process, whole)
+        logs, files = (a != b for a, b in zip(outcome(output), undisturbed, strict=True))
+        ends, first_differ, second_differ = ends + 1, first_differ + logs, second_differ + files
+        print(f"{what}: end {ends}, differs {logs}, {files}", flush=True)
+    folders = sorted(path.name.split("-")[0] for path in (whole / "t").iterdir())
+    names = ("logs", "checkpoints") if what == "training" else ("rows", "summaries")
+    print(
+        f"{what}: {kills} kills, {ends} ends, {first_differ} {names[0]} and {second_differ} {names[1]} differ, "
+        f"{processes} processes and {len(folders)} folders left ({', '.join(sorted(set(folders)))})",
+        flush=True,
+    )
 
 
 def main() -> None:
@@ -73,28 +149,8 @@ def main() -> None:
     parser.add_argument("--kills", type=int, default=20)
     options = parser.parse_args()
     for what in options.what:
-        with tempfile.TemporaryDirectory() as folder:
-            began = time.monotonic()
-            assert start(what, Path(folder, "whole")).wait() == 0
-            length, moments = time.monotonic() - began, random.Random(1)
-            whole, kills, ends, differing, left = outcome(what, Path(folder, "whole")), 0, 0, 0, 0
-            place = Path(folder, "0")
-            while kills < options.kills:
-                process = start(what, place)
-                try:
-                    process.wait(moments.uniform(0.3, 0.9) * length)
-                except subprocess.TimeoutExpired:
-                    process.send_signal(signal.SIGKILL)
-                    process.wait()
-                    kills += 1
-                    left += left_over(place)
-                    continue
-                ends += 1
-                differing += process.returncode != 0 or outcome(what, place) != whole
-                place = Path(folder, str(ends))
-            process = start(what, place)
-            differing += process.wait() != 0 or outcome(what, place) != whole
-            print(f"{what}: {kills} kills, {ends + 1} ends, {differing} differ, {left} processes left", flush=True)
+        with tempfile.TemporaryDirectory() as whole:
+            kill(what, options.kills, Path(whole))
 
 
 if __name__ == "__main__":
