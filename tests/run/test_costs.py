@@ -80,7 +80,7 @@ def test_costs_of_runs_are_shown_without_ranks(runs):
         name: cells for (title, name), (cells, _) in _lines(runs).items() if title == "Measured on different frames"
     }
     texts = dict(zip(found, [f"{flops:.1f}" for flops in costs], strict=True))
-    assert {name: cells["FLOPs (G)"] for name, cells in found.items()} == texts
+    assert {name: cells["MACs (G)"] for name, cells in found.items()} == texts
     assert {cells["Param. (M)"] for cells in found.values()} == {"1.50"}
     assert {cells["Avg. rank OOD"] for cells in found.values()} == {"-"}
     for run in runs[:3]:
@@ -103,10 +103,10 @@ def test_counts_at_another_size_are_noted(runs):
     _cost(runs[1], 20.0, height=64, width=64, iterations=24).write(runs[1].path)
     found = _lines(runs, published=False)
     cells, note = found["Measured on different frames", "two"]
-    assert cells["FLOPs (G)"] == "20.0"
-    assert note.endswith("FLOPs of 24 iterations, frames of 64x64")
-    assert found["Measured on different frames", "one"][0]["FLOPs (G)"] == "30.0"
-    assert found["Measured on different frames", "three"][0]["FLOPs (G)"] == "-"
+    assert cells["MACs (G)"] == "20.0"
+    assert note.endswith("MACs of 24 iterations, frames of 64x64")
+    assert found["Measured on different frames", "one"][0]["MACs (G)"] == "30.0"
+    assert found["Measured on different frames", "three"][0]["MACs (G)"] == "-"
 
 
 def test_cost_is_packed_with_the_record(runs, tmp_path):

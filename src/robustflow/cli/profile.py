@@ -35,8 +35,8 @@ def profile(
 ) -> None:
     """Count the parameters and multiply-accumulates (MACs) of models, and time their predictions.
 
-    The weights are random unless -O checkpoint=FILE is given; they do not affect the cost. MACs are half of
-    PyTorch's FLOPs. "as thop" is the count in the paper's table, which omits matrix products.
+    The weights are random unless -O checkpoint=FILE is given; they do not affect the cost. "as thop" is
+    the count in tables and pages and in the paper's, which calls it FLOPs; it omits matrix products.
 
     \b
     Examples:
@@ -93,7 +93,6 @@ def _print_model(
     echo(about + (f", {rounds} iterations" if rounds else ""))
     echo(f"parameters   {counts.parameters / 1e6:.3f} M, as thop {counts.thop_parameters / 1e6:.3f} M")
     echo(f"MACs         {counts.macs / 1e9:.2f} G, as thop {counts.thop_macs / 1e9:.2f} G")
-    echo(f"FLOPs        {2 * counts.macs / 1e9:.2f} G")
     measured = measure_prediction(model, height, width, repeat) if repeat else None
     if measured is not None:
         kind = "of tensors" if measured.device.startswith("cuda") else "of the whole process"
@@ -107,11 +106,11 @@ def _print_model(
 
 
 def _print_side_by_side(costs: "list[tuple[str, Counts, PredictionCost | None]]") -> None:
-    line = "{:20s} {:>12s} {:>10s} {:>9s} {:>11s}"
-    echo("\n" + line.format("model", "params (M)", "MACs (G)", "pair (s)", "peak (GiB)"))
+    line = "{:20s} {:>12s} {:>10s} {:>11s} {:>9s} {:>11s}"
+    echo("\n" + line.format("model", "params (M)", "MACs (G)", "as thop (G)", "pair (s)", "peak (GiB)"))
     for name, counts, measured in costs:
         timed = ("-", "-") if measured is None else (f"{measured.seconds:.2f}", f"{measured.peak_bytes / 2**30:.2f}")
-        counted = f"{counts.parameters / 1e6:.3f}", f"{counts.macs / 1e9:.2f}"
+        counted = f"{counts.parameters / 1e6:.3f}", f"{counts.macs / 1e9:.2f}", f"{counts.thop_macs / 1e9:.2f}"
         echo(line.format(plain(name, 20), *counted, *timed))
 
 

@@ -59,8 +59,14 @@ _OVERVIEW_COLUMNS = tuple(
             OVERVIEW,
         ),
         (PARAMETERS, "Param.", "Parameters, millions", "M", OVERVIEW),
-        (FLOPS, "FLOPs", "Floating-point operations of one prediction, 10⁹", "G", OVERVIEW),
-        (RANKS["average"], "Avg. rank", "Rank by the mean of the FLOPs and CREr ranks (Tab. 3)", "", OVERVIEW),
+        (
+            FLOPS,
+            "MACs",
+            "Multiply-accumulates by thop, the paper's FLOPs, 10⁹",
+            "G",
+            OVERVIEW,
+        ),
+        (RANKS["average"], "Avg. rank", "Rank by the mean of the MACs and CREr ranks (Tab. 3)", "", OVERVIEW),
     )
 )
 Cells = dict[ValueKey, TableCell]

@@ -103,7 +103,7 @@ def _measured_on(benchmarks: Iterable[str]) -> str:
 
 _COST_COLUMNS = (
     Column("Param. (M)"),
-    Column("FLOPs (G)"),
+    Column("MACs (G)"),
     *(Column(setting, group="CREr & rank") for setting in ("OOD", "ID", "other")),
     *(Column(setting, group="Avg. rank") for setting in ("OOD", "ID")),
 )
@@ -116,12 +116,12 @@ def cost_table(results: Sequence[ModelResult]) -> Table:
     if not printed and not measured:
         raise UsageError("--table", "'cost' would be empty: it needs the published costs, or runs with a CREr")
     remarks = [
-        "Published FLOPs are ranked over all models, CREr within its setting; lower is better, equal values share a "
+        "Published MACs are ranked over all models, CREr within its setting; lower is better, equal values share a "
         "rank. The average rank is the rank of the mean of both."
     ] * bool(printed)
     if any(FLOPS in line.values for line in others):
         remarks.append(
-            f"FLOPs are multiply-accumulates counted as in the paper ({COUNTED_ITERATIONS} iterations, frames of "
+            f"MACs are counted as thop does, as the FLOPs of the paper are ({COUNTED_ITERATIONS} iterations, frames of "
             f"{COUNTED_SIZE[0]}x{COUNTED_SIZE[1]}, unless noted)."
         )
     rows = {"Published": printed, "Measured on different frames": measured}
@@ -163,4 +163,4 @@ def _counted_note(found: RunCost) -> str:
     conditions = [f"{found.iterations} iterations"] if found.iterations not in (None, COUNTED_ITERATIONS) else []
     if (found.height, found.width) != COUNTED_SIZE:
         conditions.append(f"frames of {found.height}x{found.width}")
-    return f"FLOPs of {', '.join(conditions)}" if conditions else ""
+    return f"MACs of {', '.join(conditions)}" if conditions else ""

@@ -165,7 +165,8 @@ def _cost(run: Run) -> str:
     cost = RunCost.read(run)
     if cost is None:
         return ""
-    size = f"{cost.parameters_m:.2f} M parameters, {cost.flops_g:.1f} G FLOPs for {cost.width} x {cost.height} frames"
+    size = f"{cost.parameters_m:.2f} M parameters, {cost.flops_g:.1f} G MACs (as thop)"
+    size += f" for {cost.width} x {cost.height} frames"
     return size + (f", {cost.seconds:.3f} s on {cost.device}" if cost.seconds is not None else "")
 
 
