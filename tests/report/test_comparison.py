@@ -62,8 +62,9 @@ def test_lower_error_is_marked_and_claimed_where_a_test_shows_it():
 def test_comparison_without_ground_truth_is_in_rcre(runs_without_truth):
     found = runs_without_truth[0].compare(runs_without_truth[1])
     assert found.metric == "rcre"
-    assert found.overall["measure"].to_list() == ["rcre"]
-    assert [line.label for line in found.table("cre").lines] == ["RCRE"]
+    assert found.overall["measure"].to_list() == ["rcre", "photometric", "photometric"]
+    shown = [line.label for line in found.table("cre").lines]
+    assert shown == ["RCRE", "clean photometric error", "photometric error"]
     assert "Elastic transform" in repr(found)
 
 

@@ -26,9 +26,9 @@ def compare(
     """Test whether models differ, paired by image, with intervals and corrected p-values.
 
     Two runs are compared in one table: overall in every metric, and under each corruption in one metric (EPE by
-    default, RCRE without ground truth). More than two runs are ranked, each with its range of possible ranks (not in
-    CSV), and compared pairwise by the average of one metric. For runs of one model with several seeds, the variance is
-    split into the contributions of images, seeds and severities.
+    default, RCRE without ground truth). More than two runs are ranked within their settings, each with its range of
+    possible ranks (not in CSV), and compared pairwise by the average of one metric. For runs of one model with several
+    seeds, the variance is split into the contributions of images, seeds and severities.
 
     With --effect, no test is made: the number of pairs that one needs is estimated by simulating the test.
 
@@ -38,17 +38,14 @@ def compare(
       robustflow compare runs/a runs/b --format latex -o comparison.tex
       robustflow compare runs/a runs/b --effect 0.05 --power 0.9
     """
-    import polars as pl
-
     from ..metrics.cube import AVERAGE
     from ..metrics.measures import MEASURES
+    from ..report.comparison import BESIDE_RCRE, pairs_table, power_table, ranked_in_settings, variance_table
     from ..report.comparison import compare as compare_two
-    from ..report.comparison import pairs_table, power_table, standings_table, variance_table
     from ..run.comparable import common_to, named_runs
     from ..run.records.pack import load_any_run
     from ..stats.estimate import contrast, cubes_of
     from ..stats.model_result import not_ranked, run_results
-    from ..stats.paired import standings
     from ..stats.power import plan_pairs
     from ..stats.seeds import seeds_of
     from ..stats.variance import variance_split
@@ -82,14 +79,12 @@ def compare(
         common = common_to(dict(zip((line.name for line in lines), loaded, strict=True)))
         if any(run.mean(chosen) is None for run in loaded):
             raise RunError("--metric", f"not all of these runs have an average of {chosen}; choose a different one")
-        frame = contrast(cubes_of(common.rows), {chosen: MEASURES[chosen]}, [(AVERAGE, None)])
-        ranked = [line.name for line in lines if not line.excluded]
-        sound = frame.filter(pl.all_horizontal(pl.col("model", "against").is_in(ranked)))
-        every_pair = len(ranked) > 1 and sound.height == len(ranked) * (len(ranked) - 1) // 2
-        if format != "csv" and every_pair:  # a CSV file contains a single table
-            tables.append(standings_table(standings(sound, ranked), chosen))
-        notes = " ".join(filter(None, [common.remark, *(f"Not ranked: {reason}." for reason in not_ranked(lines))]))
-        tables.append(pairs_table(frame, notes))
+        measures = {chosen: MEASURES[chosen]} | (BESIDE_RCRE if chosen == "rcre" else {})
+        frame = contrast(cubes_of(common.rows), measures, [(AVERAGE, None)])
+        ranking, verdicts = ranked_in_settings(lines, common.rows, chosen)
+        tables += [] if format == "csv" else ranking  # a CSV file contains a single table
+        unranked = [f"Not ranked: {reason}." for reason in not_ranked(lines)]
+        tables.append(pairs_table(frame, " ".join(filter(None, [common.remark, *verdicts, *unranked]))))
     if given["as_json"]:
         text = frame.write_json() + "\n"
     else:

@@ -165,9 +165,14 @@ _moved = pl.when(_blind).then("rcre_all_sum").otherwise("rcre_sum")
 
 MEASURES: dict[str, Measure] = {
     **{name: _errors[name] for name in ("epe", "cre", "crer")},
-    "rcre": Average("RCRE", explanation=_MOVED, on_clean=False, total=_moved, count=_with_truth),
+    "rcre": Average("RCRE", verdict="explains", explanation=_MOVED, on_clean=False, total=_moved, count=_with_truth),
     "rcre_all": Average(
-        "RCRE, all pixels", explanation="RCRE over all pixels", on_clean=False, total=pl.col("rcre_all_sum"), count=_all
+        "RCRE, all pixels",
+        verdict="explains",
+        explanation="RCRE over all pixels",
+        on_clean=False,
+        total=pl.col("rcre_all_sum"),
+        count=_all,
     ),
     "fl": _errors["fl"],
     "px1": _percent("> 1 px", pl.col("px1_count"), _valid, "Error > 1 px"),

@@ -3,7 +3,7 @@ ranking with ties, the spread over seeds, and the pairs required for a compariso
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -12,20 +12,23 @@ from typing import Any
 import polars as pl
 
 from ..core.errors import UsageError, unknown_name
-from ..core.text import plain
+from ..core.text import joined, plain
 from ..metrics.cube import Cube
-from ..metrics.measures import EVERY, LABELS, MEASURES
+from ..metrics.measures import EVERY, LABELS, LEADING, MEASURES
 from ..run.comparable import common_to, named_runs
 from ..run.records.pack import load_any_run
 from ..run.run import Run
 from ..stats.estimate import HEADLINE, contrast, cubes_of
-from ..stats.model_result import not_ranked, run_results
-from ..stats.paired import difference_sentence, is_sure, p_text
+from ..stats.model_result import ModelResult, not_ranked, run_results
+from ..stats.paired import difference_sentence, is_sure, p_text, standings
 from ..stats.results import AVERAGE, CLEAN, long_label, mean_label, metric_label
+from ..stats.verdict import WITHOUT_TRUTH, verdict_of
 from .render import render
 from .table import Column, Row, Table, TableCell
 
 _COUNTS = ("blow_ups_model", "blow_ups_against")
+BESIDE_RCRE = {name: MEASURES[name] for name in WITHOUT_TRUTH[1:]}
+"""What is shown beside RCRE without ground truth: a flow that ignores the frames has a low RCRE."""
 _OF_ALL = pl.col("condition").is_in([CLEAN, AVERAGE])
 _BLOW_UPS = (
     "blow-ups: images on which the error (EPE, or RCRE without ground truth) of the first and of the second is more "
@@ -54,8 +57,12 @@ class Comparison:
 
     @cached_property
     def frame(self) -> pl.DataFrame:
-        """All comparisons in EPE, CRE, CREr and RCRE, with the columns of `robustflow.stats.estimate.CONTRASTS`."""
-        return contrast(self.cubes, HEADLINE)
+        """All comparisons in EPE, CRE, CREr and RCRE, without ground truth also the overall ones of the photometric
+        error, with the columns of `robustflow.stats.estimate.CONTRASTS`."""
+        frame = contrast(self.cubes, HEADLINE)
+        if LEADING in set(frame["measure"]):
+            return frame
+        return contrast(self.cubes, HEADLINE | BESIDE_RCRE).filter(~pl.col("measure").is_in([*BESIDE_RCRE]) | _OF_ALL)
 
     @property
     def metric(self) -> str:
@@ -148,7 +155,9 @@ def compare(first: AnyRun, second: AnyRun) -> Comparison:
     """
     runs = [_open_run(first), _open_run(second)]
     common = common_to(named_runs(runs))
-    unranked = [f"Not ranked: {reason}." for reason in not_ranked(run_results(runs))]
+    lines = run_results(runs)
+    unranked = [f"Not ranked: {reason}." for reason in not_ranked(lines)]
+    unranked.append(setting_words({line.name: line.setting for line in lines}))
     return Comparison(cubes_of(common.rows), " ".join(filter(None, (common.remark, *unranked))))
 
 
@@ -162,13 +171,16 @@ def _open_run(run: AnyRun) -> Run:
 
 def pairs_table(frame: pl.DataFrame, note: str = "") -> Table:
     """Tabulate all pairwise comparisons of several models, for `robustflow.report.render`."""
-    pairs = {f"{plain(row['model'])} against {plain(row['against'])}": row for row in frame.to_dicts()}
+    sections: dict[str, dict[str, dict[str, Any]]] = {}
+    for row in frame.to_dicts():
+        of_measure = sections.setdefault(f"Average {metric_label(row['measure'])}", {})
+        of_measure[f"{plain(row['model'])} against {plain(row['against'])}"] = row
+    many = max(map(len, sections.values()))
     images = " to ".join(map(str, dict.fromkeys((frame["pairs"].min(), frame["pairs"].max()))))
-    about = f"Intervals: 95 %, over {images} images; p is corrected for {len(pairs)} comparisons."
+    about = f"Intervals: 95 %, over {images} images; p is corrected for {many} comparisons."
     metric = frame["measure"][0]
     marked = f" A marked {LABELS[metric]} is significantly lower."
     remarks = (about + marked * (EVERY[metric].verdict == "leads"), note)
-    sections = {f"Average {metric_label(metric)}": pairs}
     return _table("pairs", "Every two models", ("first", "second"), sections, remarks, "Models", frame)
 
 
@@ -202,8 +214,39 @@ def _row(label: str, row: dict[str, Any], blow_ups: bool) -> Row:
     return Row(label, (first, second, row["value"], interval, ratio, wins, *p_values, counts)[: 8 + blow_ups])
 
 
-def standings_table(standings: pl.DataFrame, metric: str) -> Table:
-    """Tabulate the ranking of models with the range of ranks consistent with the tests, from
+def ranked_in_settings(
+    lines: Sequence[ModelResult], rows: Mapping[str, pl.DataFrame], metric: str
+) -> tuple[list[Table], list[str]]:
+    """Return the ranking of each setting by a metric that ranks, and the verdicts in words.
+
+    Args:
+        lines: the results of several runs.
+        rows: their comparable rows, by the names of the lines.
+    """
+    tables, words = [], [setting_words({line.name: line.setting for line in lines})]
+    of_setting: dict[str, dict[str, pl.DataFrame]] = {}
+    for line in lines:
+        if not line.excluded:
+            of_setting.setdefault(line.setting, {})[line.name] = rows[line.name]
+    for setting, ranked in of_setting.items():
+        if sentence := verdict_of(ranked).sentence:
+            words.append(f"{plain(setting)}: {sentence}")
+        if len(ranked) > 1 and MEASURES[metric].verdict != "explains":
+            tests = contrast(cubes_of(ranked), {metric: MEASURES[metric]}, [(AVERAGE, None)])
+            tables.append(standings_table(standings(tests, list(ranked)), metric, setting))
+    return tables, words
+
+
+def setting_words(settings: Mapping[str, str]) -> str:
+    """Name the settings of models, if they differ; "" otherwise."""
+    if len(set(settings.values())) < 2:
+        return ""
+    each = joined([f"{plain(name)} {plain(setting)}" for name, setting in settings.items()])
+    return f"Settings: {each}; models of different settings are compared, but not ranked together."
+
+
+def standings_table(standings: pl.DataFrame, metric: str, setting: str) -> Table:
+    """Tabulate the ranking of the models of a setting with the range of ranks consistent with the tests, from
     `stats.paired.standings`."""
     rows = [
         (plain(model), (value, str(rank), str(best) if best == worst else f"{best} to {worst}"))
@@ -214,7 +257,7 @@ def standings_table(standings: pl.DataFrame, metric: str) -> Table:
         "for all pairs); models whose ranges overlap may be tied."
     )
     columns = (metric_label(metric), "rank", "possible ranks")
-    return Table.of("standings", "Ranking", columns, {f"Average {LABELS[metric]}": rows}, [remark])
+    return Table.of("standings", f"Ranking, {plain(setting)}", columns, {f"Average {LABELS[metric]}": rows}, [remark])
 
 
 def variance_table(split: pl.DataFrame, metric: str, name: str, remark: str = "") -> Table:

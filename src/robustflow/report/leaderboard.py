@@ -11,7 +11,6 @@ from ..data.benchmarks.facts import is_still
 from ..stats.exclusion import CAVEAT, PHANTOM
 from ..stats.intervals import paper_rows
 from ..stats.model_result import CRER, FLOPS, PARAMETERS, RANKS, ModelResult, Value, ValueKey, by_frames
-from ..stats.paired import letters_of
 from ..stats.ranking import best_of_columns
 from ..stats.results import (
     AVERAGE,
@@ -22,6 +21,7 @@ from ..stats.results import (
     long_label,
     short_label,
 )
+from ..stats.verdict import Verdict, verdict_of
 from .table import DASH, Column, Line, Section, Table, TableCell, interval_text
 
 COVERAGE: ValueKey = ("coverage", "")
@@ -36,12 +36,12 @@ OVERVIEW, COMPACT, CLASSES = "overview", "compact", "classes"
 """Names of the views besides the families; the compact one fits next to the names on a phone screen."""
 BOARD_METRICS = ("epe", "cre", "rcre")
 MOST_COMPARED = 20
-"""Maximum number of models with a group letter, because 4999 resamples can correct p-values for at most 249 pairs."""
+"""Maximum number of models of a setting that are tested against each other and have a group letter."""
 
 _OVERVIEW_COLUMNS = tuple(
     Column(label, key=key, help=help, unit=unit, views=views)
     for key, label, help, unit, *views in (
-        (GROUP, "Group", "Models that share a letter cannot be told apart by their EPE", "", OVERVIEW),
+        (GROUP, "Group", "Models of a setting that share a letter cannot be told apart by their EPE", "", OVERVIEW),
         (("epe", CLEAN), "Clean EPE", "End-point error on the clean frames", "px", OVERVIEW),
         (EPE, "EPE", "End-point error, mean over all corruptions", "px", OVERVIEW, COMPACT),
         (("cre", AVERAGE), "CRE", "Corruption Robustness Error: EPE - clean EPE", "px", OVERVIEW, COMPACT),
@@ -70,6 +70,8 @@ _OVERVIEW_COLUMNS = tuple(
     )
 )
 Cells = dict[ValueKey, TableCell]
+Setting = tuple[str, str, str]
+"""Benchmark, sample set and setting: what models have in common that are ranked together."""
 
 
 def boards_of(cells: Mapping[ModelResult, Cells], group_titles: Mapping[str, str]) -> list[Table]:
@@ -86,11 +88,38 @@ def boards_of(cells: Mapping[ModelResult, Cells], group_titles: Mapping[str, str
     return [_board(name, of_lines, group_titles) for name, of_lines in order]
 
 
-def board_cells(results: Sequence[ModelResult]) -> dict[ModelResult, Cells]:
-    """Return the marked cells of each line and its group."""
-    groups = _groups(results)
-    marked = marked_cells(results).items()
-    return {line: cells | ({GROUP: TableCell(groups[line])} if line in groups else {}) for line, cells in marked}
+def board_cells(
+    results: Sequence[ModelResult], verdicts: Mapping[Setting, Verdict] | None = None
+) -> dict[ModelResult, Cells]:
+    """Return the marked cells of each line and its group: models of one setting on the same frames share a letter
+    unless a paired test, corrected for all pairs, tells their EPE apart."""
+    known = verdicts_of(results) if verdicts is None else verdicts
+    cells = {}
+    for line, of_line in marked_cells(results).items():
+        letters = known[setting_of(line)].letters if line.run is not None and setting_of(line) in known else {}
+        cells[line] = of_line | ({GROUP: TableCell(letters[line.name])} if line.name in letters else {})
+    return cells
+
+
+def setting_of(line: ModelResult) -> Setting:
+    """Return what models have in common that are ranked together."""
+    return line.benchmark, line.frames, line.setting
+
+
+def verdicts_of(results: Sequence[ModelResult]) -> dict[Setting, Verdict]:
+    """Return the verdict on the ranked runs of each setting, of those with the lowest error under corruption."""
+    ranked: dict[Setting, list[ModelResult]] = {}
+    for line in results:
+        if line.run is not None and not line.excluded and any(key in line.values for key in START[:2]):
+            ranked.setdefault(setting_of(line), []).append(line)
+    verdicts = {}
+    for setting, lines in ranked.items():
+        best = sorted(lines, key=by_error)[:MOST_COMPARED]
+        runs = {line.name: (line.run, line.beside_published) for line in best if line.run is not None}
+        verdicts[setting] = verdict_of(
+            {name: paper_rows(run) if few else run.rows for name, (run, few) in runs.items()}
+        )
+    return verdicts
 
 
 def by_error(line: ModelResult) -> tuple[bool, bool, float, str]:
@@ -130,22 +159,6 @@ def _values(line: ModelResult) -> dict[ValueKey, Value]:
 def _is_derived(line: ModelResult, key: ValueKey) -> bool:
     """Whether a value of the paper's lines is computed from others, because the paper does not print it."""
     return key == CRER and line.source == "published" and line.values[CRER].derived
-
-
-def _groups(results: Sequence[ModelResult]) -> dict[ModelResult, str]:
-    """Return the group letters of the ranked runs with the lowest EPE under corruption, among those on the same frames
-    in all settings: two of them share a letter unless a paired test, corrected for all pairs, tells them apart."""
-    same_frames: dict[tuple[str, str], list[ModelResult]] = {}
-    for line in results:
-        if line.run is not None and not line.excluded and EPE in line.values:
-            same_frames.setdefault((line.benchmark, line.frames), []).append(line)
-    groups: dict[ModelResult, str] = {}
-    for lines in same_frames.values():
-        best = sorted(lines, key=by_error)[:MOST_COMPARED]
-        runs = {line.name: (line.run, line.beside_published) for line in best if line.run is not None}
-        letters = letters_of({name: paper_rows(run) if fewer else run.rows for name, (run, fewer) in runs.items()})
-        groups |= {line: letters[line.name] for line in best if line.name in letters and len(best) > 1}
-    return groups
 
 
 def _board(benchmark: str, cells: Mapping[ModelResult, Cells], group_titles: Mapping[str, str]) -> Table:
@@ -189,8 +202,8 @@ def _remarks(benchmark: str, cells: Mapping[ModelResult, Cells]) -> Iterator[str
         )
     if any(GROUP in of_line for of_line in cells.values()):
         yield (
-            "Group: models that share a letter cannot be told apart (paired tests of the EPE, corrected for all pairs "
-            f"of the {MOST_COMPARED} lowest). An order within a group can be chance."
+            "Group: models of a setting that share a letter cannot be told apart (paired tests of the EPE, corrected "
+            f"for all pairs of the {MOST_COMPARED} lowest). An order within a group can be chance."
         )
     if any(cell.derived for cell in every):
         yield "Italic: CREr that the paper does not print, from other values of the row."

@@ -67,13 +67,15 @@ CONTRASTS: dict[str, Any] = {
     "value_against": pl.Float64,
     "blow_ups_model": pl.Int64,
     "blow_ups_against": pl.Int64,
+    "fewer_pixels": pl.String,
 }
 """`value` is that of the model minus that of the one that it is compared `against`, over the images of both, and
 `ratio` the one divided by the other, both with 95 % intervals. p is that of the sign-flip test over clusters (null
 below six), and `p_adjusted` is corrected for all `comparisons` that are shown together. `wins` and `losses` count the
 images on which the model is better or worse (for a ratio, by what is divided). `left_out` counts rows that only some of
 the compared models have. `blow_ups_model` counts the images on which the model's error (EPE, or RCRE without ground
-truth) is more than `BLOW_UP` times that of the other model, and `blow_ups_against` the reverse."""
+truth) is more than `BLOW_UP` times that of the other model, and `blow_ups_against` the reverse. `fewer_pixels` names
+the model that predicted fewer pixels, if one did: its errors may be of easy ones."""
 
 
 def cubes_of(rows: Mapping[str, pl.DataFrame]) -> dict[str, Cube]:
@@ -270,6 +272,7 @@ def contrast(
     names, joint = list(cubes), Joint(list(cubes.values()))
     scopes = scopes_of(joint.cubes[0]) if scopes is None else list(scopes)
     errors = {at: _errors(joint, at) for at in scopes}
+    shares = {at: _values(joint, MEASURES["coverage"], at)[0] for at in scopes}
     rows = []
     for name, measure in measures.items():
         together: dict[str, list[tuple[dict[str, Any], Array]]] = {}
@@ -282,6 +285,7 @@ def contrast(
                 row: dict[str, Any] = dict(zip(CONTRASTS, (names[one], names[other], name, *at), strict=False))
                 row |= {"value_model": values[one], "value_against": values[other], "left_out": joint.left_out}
                 row["value"] = values[one] - values[other]
+                row["fewer_pixels"] = _fewer(row, shares[at], one, other)
                 row |= _counts(measure, of_images[one], of_images[other], errors[at][one], errors[at][other])
                 if scores is not None:
                     row |= _interval(measure, scores[one], scores[other])
@@ -350,6 +354,13 @@ def _errors(joint: Joint, at: Scope) -> list[Array]:
     """Return the error of each image, the EPE or the RCRE without ground truth, of each model."""
     epe, rcre = MEASURES["epe"], MEASURES["rcre"]
     return joint.of_images(epe if joint.scope(epe, *at) else rcre, *at)
+
+
+def _fewer(row: Mapping[str, Any], shares: Sequence[float] | None, one: int, other: int) -> str | None:
+    """Return the name of the model that predicted fewer pixels."""
+    if shares is None or abs(shares[one] - shares[other]) < _ROUNDING:
+        return None
+    return str(row["model"] if shares[one] < shares[other] else row["against"])
 
 
 def _counts(measure: Measure, one: Array, other: Array, error: Array, of_other: Array) -> dict[str, int | None]:

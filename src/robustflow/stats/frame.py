@@ -21,10 +21,10 @@ from .attacks import attack_scores
 from .estimate import OVERALL_SCOPES, contrast, cubes_of
 from .exclusion import exclusions
 from .intervals import interval_ends
-from .paired import letters_of
 from .ranking import partial_spearman, spearman
 from .results import NEVER_RANKED
 from .run_results import comparison_notes
+from .verdict import verdict_of
 
 RESULTS_SCHEMA: dict[str, type[pl.DataType]] = {
     "benchmark": pl.String,
@@ -123,19 +123,22 @@ def results_frame(
 
 
 def _contrasts(named: Mapping[str, Run], reasons: Sequence[str]) -> tuple[dict[str, str], pl.DataFrame]:
-    """Return the group letter of each ranked run, and the tests of every two runs of a sample set on the clean frames
-    and on average, each corrected for all pairs."""
+    """Return the group letter of each ranked run within its setting, and the tests of every two runs of a sample set on
+    the clean frames and on average, each corrected for all pairs."""
     rows: dict[str, dict[str, pl.DataFrame]] = {}
-    for name, run in named.items():
+    ranked: dict[tuple[str, str], dict[str, pl.DataFrame]] = {}
+    for (name, run), reason in zip(named.items(), reasons, strict=True):
         rows.setdefault(sample_set(run), {})[name] = run.rows
-    ranked = {name for name, reason in zip(named, reasons, strict=True) if not reason}
+        if not reason:
+            ranked.setdefault((sample_set(run), run.setting), {})[name] = run.rows
     letters: dict[str, str] = {}
     tests = [pl.DataFrame(schema=_TESTS)]
     for of_set in rows.values():
         if len(of_set) > 1:
             cubes = cubes_of(of_set)
             tests += [contrast(cubes, MEASURES, [scope]).select(_TESTS.keys()) for scope in OVERALL_SCOPES]
-            letters |= letters_of({name: of_run for name, of_run in of_set.items() if name in ranked})
+    for of_setting in ranked.values():
+        letters |= verdict_of(of_setting).letters
     return letters, pl.concat(tests)
 
 

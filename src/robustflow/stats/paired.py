@@ -11,9 +11,7 @@ import polars as pl
 
 from ..core.errors import RunError
 from ..core.text import counted
-from ..metrics.measures import EVERY, LEADING, MEASURES
-from ..run.comparable import common_rows
-from .estimate import contrast, cubes_of
+from ..metrics.measures import EVERY
 from .inference import FEWEST
 from .ranking import competition_ranks
 from .results import AVERAGE, CLEAN, long_label
@@ -55,6 +53,8 @@ def difference_sentence(row: Mapping[str, Any]) -> str:
         verdict = f"fewer than {FEWEST} independent images are not enough to tell them apart"
     elif is_sure(row):
         verdict = f"{better_of(row)} is {lower}"
+    elif row.get("fewer_pixels") == better_of(row):
+        verdict = f"{better_of(row)} predicted fewer pixels, so it is not called better"
     difference = f"{row['value']:+.2f} {measure.unit}".rstrip()
     models = f"{row['model']} minus {row['against']}"
     return f"{what} {measure.label} of {models}: {difference} ({'; '.join(evidence)}): {verdict}."
@@ -63,6 +63,11 @@ def difference_sentence(row: Mapping[str, Any]) -> str:
 def better_of(row: Mapping[str, Any]) -> str:
     """Return the model with the better value in a contrast."""
     return str(row["model"] if (row["value"] > 0) == (EVERY[row["measure"]].better > 0) else row["against"])
+
+
+def worse_of(row: Mapping[str, Any]) -> str:
+    """Return the other model of a contrast."""
+    return str(row["against"] if better_of(row) == row["model"] else row["model"])
 
 
 def p_text(value: float) -> str:
@@ -94,9 +99,8 @@ def standings(pairs: pl.DataFrame, names: Sequence[str]) -> pl.DataFrame:
     for row in pairs.iter_rows(named=True):
         values[row["model"]], values[row["against"]] = row["value_model"], row["value_against"]
         if is_sure(row):
-            better = better_of(row)
-            beats[better] += 1
-            beaten[row["against"] if better == row["model"] else row["model"]] += 1
+            beats[better_of(row)] += 1
+            beaten[worse_of(row)] += 1
     ranks = competition_ranks({name: sign * values[name] for name in names})
     records = [(name, values[name], ranks[name], beaten[name] + 1, len(names) - beats[name]) for name in names]
     return pl.DataFrame(records, schema=STANDINGS_SCHEMA, orient="row").sort("rank", "model")
@@ -125,26 +129,8 @@ def group_letters(pairs: pl.DataFrame, names: Sequence[str]) -> dict[str, str]:
     return {name: "".join(letter for letter, group in letters if name in group) for name in names}
 
 
-def letters_of(rows: Mapping[str, pl.DataFrame]) -> dict[str, str]:
-    """Return the group letters of models by the tests of `LEADING` on average, corrected for all pairs; nothing for
-    models that cannot be compared."""
-    if len(rows) < 2:
-        return {}
-    try:
-        common, _ = common_rows(list(rows.values()), list(rows))
-        cubes = cubes_of(dict(zip(rows, common, strict=True)))
-        tests = contrast(cubes, {LEADING: MEASURES[LEADING]}, [(AVERAGE, None)])
-    except RunError:
-        return {}
-    return group_letters(tests, sorted(rows, key=lambda name: _value(tests, name)))
-
-
-def _value(tests: pl.DataFrame, name: str) -> float:
-    """Return the value of a model in its tests."""
-    of_model, of_other = tests.filter(model=name)["value_model"], tests.filter(against=name)["value_against"]
-    return float(pl.concat([of_model, of_other])[0])
-
-
 def is_sure(row: Mapping[str, Any]) -> bool:
-    """Whether a test tells the models of a contrast apart, by a difference that can be seen."""
-    return row["p_adjusted"] is not None and row["p_adjusted"] <= 0.05 and f"{abs(row['value']):.2f}" != "0.00"
+    """Whether a test tells the models of a contrast apart, by a difference that can be seen and that is not due to
+    pixels that only one of them left out."""
+    sure = row["p_adjusted"] is not None and row["p_adjusted"] <= 0.05 and f"{abs(row['value']):.2f}" != "0.00"
+    return sure and not (row.get("fewer_pixels") and row["fewer_pixels"] == better_of(row))

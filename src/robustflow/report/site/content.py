@@ -23,7 +23,8 @@ from ...stats.published.tables import PAPER, published_frame
 from ...stats.results import benchmark_words
 from ...stats.results_file import FILE, results_csv
 from ...stats.run_results import comparison_notes
-from ..leaderboard import Cells, board_cells, boards_of
+from ...stats.verdict import Verdict
+from ..leaderboard import Cells, Setting, board_cells, boards_of, verdicts_of
 from ..table import Table
 
 if TYPE_CHECKING:
@@ -59,7 +60,12 @@ class Content:
     @cached_property
     def cells(self) -> dict[ModelResult, Cells]:
         """The cells of each line in the leaderboards."""
-        return board_cells(self.lines)
+        return board_cells(self.lines, self.verdicts)
+
+    @cached_property
+    def verdicts(self) -> dict[Setting, Verdict]:
+        """The verdict on the runs of each setting."""
+        return verdicts_of(self.lines)
 
     @property
     def focus(self) -> list[ModelResult]:

@@ -5,18 +5,20 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from ...core.text import counted, first_of, joined, plain
+from ...core.text import counted, plain
 from ...data.benchmarks.facts import is_still, sample_noun
+from ...metrics.measures import MEASURES
 from ...run.run import Run
 from ...stats.attacks import attack_scores
+from ...stats.estimate import contrast, cubes_of
+from ...stats.intervals import paper_rows
 from ...stats.model_result import ModelResult, by_frames
+from ...stats.paired import difference_sentence
 from ...stats.results import AVERAGE, CLEAN, LABELS, benchmark_words, inside, long_label
-from ..leaderboard import GROUP
+from ..leaderboard import Setting, setting_of
 from ..table import Table, interval_text
 from .content import Content
 from .examples import PanelPicture, worst_strip
-
-_MOST_NAMED = 3
 
 
 @dataclass(frozen=True)
@@ -74,33 +76,50 @@ def _about_run(line: ModelResult, run: Run) -> str:
 
 
 def _about_lines(content: Content, board: Table, lines: Sequence[ModelResult]) -> str:
-    """State which result of the largest group on the same frames is the lowest, and which ones may be as low."""
+    """State the verdict on the largest group of results of one setting on the same frames; if there is none, the
+    difference between the two lowest results of different settings."""
     ranked = [line for line in lines if not line.excluded and (line.run or not any(one.run for one in lines))]
     metric = next((m for m in ("epe", "rcre") if any((m, AVERAGE) in line.values for line in ranked)), None)
     if metric is None:
         return ""
-    groups = by_frames(line for line in ranked if (metric, AVERAGE) in line.values)
-    known, where = max(groups.values(), key=len), benchmark_words(board.name)
-    if len(groups) > 1 and len(known) == 1:
+    ranked, where = [line for line in ranked if (metric, AVERAGE) in line.values], benchmark_words(board.name)
+    groups: dict[Setting, list[ModelResult]] = {}
+    for line in ranked:
+        groups.setdefault(setting_of(line), []).append(line)
+    known, of_frames = max(groups.values(), key=len), by_frames(ranked)
+    if len(known) == 1 < len(ranked):
+        if len(together := max(of_frames.values(), key=len)) > 1:
+            return _between_settings(together[:2], metric, where)
         return f"No two of the {len(groups)} ranked results on {where} are on the same frames, so none are compared."
-    first, value = known[0], known[0].values[metric, AVERAGE]
+    verdict = content.verdicts.get(setting_of(known[0]))
+    first = next((line for line in known if verdict and line.name in verdict.names[:1]), known[0])
+    value = first.values[metric, AVERAGE]
     whose = f"{plain(first.name)} ({plain(first.setting, 40)})"
     number = f"{value.text} px {interval_text(value.ends)}".rstrip()
     if len(known) == 1:
         only = f"{whose} is the only ranked result on {where}"
         return f"{only}: its {LABELS[metric]} under corruption is {number}."
-    lowest = f"{whose} has the lowest {LABELS[metric]} under corruption, {number}"
-    same = "the same frames of " if len(groups) > 1 else ""
-    of = f"Of {counted(len(known), 'ranked result')} on {same}{where}, "
-    letters = {line: content.cells[line][GROUP].text for line in known if GROUP in content.cells[line]}
-    if first not in letters:
-        return f"{of}{lowest}; these differences are not tested."
-    tested = [line for line in known[1:] if line in letters]
-    all_tested = len(tested) == len(known) - 1
-    tied = [plain(line.name) for line in tested if set(letters[line]) & set(letters[first])]
-    if tied:
-        names = first_of(tied, _MOST_NAMED) if len(tied) > _MOST_NAMED else joined(tied)
-        only = "" if all_tested else f" (of the next {len(tested)}, the only ones tested)"
-        return f"{of}{lowest}; {names} cannot be told apart from it{only}."
-    others = "the others" if all_tested else f"the next {len(tested)}, the only ones tested"
-    return f"{of}{lowest}; this is significantly lower than {others}."
+    if (error := first.values.get(("photometric", AVERAGE))) and metric == "rcre":
+        number += f" (photometric error {error.text} grey levels)"
+    same = f"the same frames of {where}" if len(of_frames) > 1 else where
+    noun = "ranked result" if len(groups) == len(of_frames) else f"ranked {plain(first.setting, 40)} result"
+    lowest = f"Of {counted(len(known), noun)} on {same}, {whose} has the lowest {LABELS[metric]} under corruption"
+    if verdict is None:
+        return f"{lowest}, {number}; these differences are not tested."
+    fewer = 0 < verdict.tested < len(known)
+    tested = f"the next {verdict.tested - 1}, the only ones tested" if fewer else "the others"
+    only = f" (of {tested})" if fewer and verdict.kind == "not decided" else ""
+    return " ".join([f"{lowest}, {number}; {verdict.ending(tested)}{only}.", *verdict.remarks])
+
+
+def _between_settings(lines: Sequence[ModelResult], metric: str, where: str) -> str:
+    """State the difference between two results of different settings, which are compared but not ranked together."""
+    rows = {
+        f"{line.name} ({line.setting})": paper_rows(line.run) if line.beside_published else line.run.rows
+        for line in lines
+        if line.run is not None
+    }
+    if len(rows) < len(lines):
+        return f"No two of the ranked results on {where} have the same setting, so none are compared."
+    (row,) = contrast(cubes_of(rows), {metric: MEASURES[metric]}, [(AVERAGE, None)]).to_dicts()
+    return f"{difference_sentence(row)} Models of different settings are compared, but not ranked together."
