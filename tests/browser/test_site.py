@@ -256,13 +256,13 @@ def test_slider_moves_over_the_severities_that_were_run(opened):
 def test_the_report_shows_its_run_first(opened):
     page = opened("report")
     assert page.locator("article:visible h2").inner_text() == "DIS"
-    assert page.locator("article:visible .panel img").count() == 2
+    assert page.locator("article:visible .panel img").count() == 16
     _kitti(page)
     assert _shown(page) == "29 of 29 rows"
     cell = page.locator(".heat td a").first
     where = cell.get_attribute("title").partition(":")[0]
     cell.click()
-    assert where in page.locator(".panel:focus figcaption").inner_text()
+    assert where in page.locator(".panel:focus > figcaption").inner_text()
     assert page.url.endswith(("#model=dis&panel=0", "#model=dis&panel=1"))
     drawings = page.locator("[data-scale]")
     for apart in (False, True):
@@ -360,3 +360,17 @@ def test_pages_have_no_serious_accessibility_violation(visit, pages, serious_vio
     assert serious_violations(page) == []
     page.emulate_media(color_scheme="dark")
     assert serious_violations(page, colours_alone=True) == []
+
+
+@pytest.mark.parametrize("width", [390, 1440])
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_the_first_screen_has_the_frame_both_flows_the_error_and_their_keys(visit, pages, width, scheme):
+    page = visit(width=width, height=900, color_scheme=scheme).page
+    page.goto(pages["report"].as_uri())
+    boxes = [image.bounding_box() for image in page.locator(".strip img:visible").all()]
+    assert len(boxes) == 4 + 2
+    assert all(box["x"] >= 0 and box["x"] + box["width"] <= width and box["y"] + box["height"] < 900 for box in boxes)
+    assert min(box["width"] for box in boxes[:4]) > 150
+    page.get_by_role("link", name="Worst sample").click()
+    tiles = [image.bounding_box() for image in page.locator(".panel:focus img").all()]
+    assert all(box["x"] + box["width"] <= width for box in tiles)

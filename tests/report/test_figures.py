@@ -30,6 +30,7 @@ from robustflow.report.figures import (
     severity_curves,
     write_figures,
 )
+from robustflow.report.figures.canvas import new_figure, spread_labels
 from robustflow.report.figures.curves import scale_panels
 from robustflow.report.figures.styles import KIND_STYLES, MODEL_STYLES, FigureStyles
 from robustflow.stats.model_result import ModelResult, lines_of
@@ -377,3 +378,13 @@ def test_own_models_on_the_same_frames_are_drawn_together():
     assert drawn["relations"].axes[0].get_title(loc="left").startswith("(a) r = 1.00")
     results = [replace(line, name="M") for line in _own("OOD", "ID")]
     assert len(figures_by_sample_set(results)["own frames"]["clean_against_cre"].axes) == 2
+
+
+def test_names_of_points_never_overlap():
+    (axes,) = new_figure(3, 3)[1]
+    places = np.random.default_rng(0).normal(1, 0.02, (30, 2))
+    axes.set(xlim=(0, 2), ylim=(0, 2))
+    texts = spread_labels(axes, [(x, y, "a model's name 1.00") for x, y in places], [4.0] * 30)
+    boxes = [text.get_window_extent() for text in texts if text.get_visible()]
+    assert len(boxes) > 3
+    assert not any(one.overlaps(other) for one, other in combinations(boxes, 2))

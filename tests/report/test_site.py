@@ -25,7 +25,7 @@ from robustflow.report.gallery.panel import picture_of_panel
 from robustflow.report.notebook import json_block
 from robustflow.report.site import page, render_site, run_content, whole_content
 from robustflow.report.site.examples import examples_of
-from robustflow.report.site.figures import page_figures
+from robustflow.report.site.figures import page_figures, page_styles
 from robustflow.report.site.headline import headline_of
 from robustflow.report.site.models import model_pages
 from robustflow.report.site.svg import inline_svg
@@ -33,7 +33,7 @@ from robustflow.run.run import Run
 from robustflow.run.trust import DERIVED
 from robustflow.stats.estimate import estimate
 from robustflow.stats.published.tables import published_results
-from robustflow.stats.results import RESULT_METRICS
+from robustflow.stats.results import RESULT_METRICS, long_label
 from robustflow.stats.results_file import parse_results, results_csv
 from robustflow.testing import ConstantFlow
 from tests.made_rows import made_run
@@ -248,7 +248,7 @@ def test_headline_of_a_run_names_its_worst_condition_and_shows_its_frame_flow_an
     worst = max(values, key=values.get)
     assert f"{small_run.epe_clean:.2f} px on the clean frames and {small_run.epe:.2f} px under" in headline.sentence
     assert headline.sentence.endswith(f"highest for {worst[0]} at severity {worst[1]}: {values[worst]:.2f} px.")
-    assert len({address for _, address in headline.strip}) == 3
+    assert len({address for _, address in headline.strip}) == 4
     panel = read_image(small_run.path / "examples" / "worst.jpg")
     clean, corrupted, flow = (picture_of_panel(panel, place, 4) for place in (0, 2, 5))
     pair = load_dataset("motorcycle", None).load("motorcycle")
@@ -257,6 +257,25 @@ def test_headline_of_a_run_names_its_worst_condition_and_shows_its_frame_flow_an
     assert np.abs(clean - frame).mean() < 10 < np.abs(corrupted - frame).mean()
     assert clean.shape == corrupted.shape == flow.shape
     assert picture_of_panel(panel[:40], 0, 4) is None
+
+
+def test_severity_curves_show_the_measure_of_the_headline_and_no_two_models_share_a_colour(many_images):
+    content = whole_content(
+        [many_images(f"M{index}", 1 + index / 9, seed=index) for index in range(12)], published=False
+    )
+    (curves,) = (one for group in page_figures(content) for one in group.figures if one.title == "Severity curves")
+    assert curves.caption.partition("drawn. ")[2].startswith("EPE")
+    colours = {style.colour for style in page_styles(content).styles.values()}
+    assert len(colours) == 12
+
+
+def test_a_comparison_has_a_table_with_a_row_for_each_corruption(many_images):
+    runs = [many_images("A"), many_images("Bb", 1.5)]
+    text = render_site(whole_content(runs, published=False))
+    _, _, rest = text.partition("EPE (px) by corruption")
+    for name in runs[0].measured.corruptions:
+        assert long_label(name) in rest
+        assert all(f"<td>{run.mean('epe', name):.2f}</td>" in rest for run in runs)
 
 
 def _headline(content) -> str:
@@ -320,7 +339,7 @@ def test_a_report_shows_its_run(small_run):
         for key in (("epe", name), ("cre", name), ("rcre", name), ("rcre", name, 1), ("rcre", name, 5)):
             assert f"{small_run.mean(*key):.2f}" in cells
     assert small_run.manifest.identity_digest in cells
-    assert text.count("data:image/jpeg;base64,") == 1 + 4 + 2 + 3
+    assert text.count("data:image/jpeg;base64,") == 1 + 4 + 2 * 8 + 4
     assert len(re.sub(r"data:image/jpeg;base64,[^\"]*", "", text)) < 5e6
     assert {panel["corruption"] for panel in model["panels"]} <= {line["name"] for line in lines}
     assert text.count('data-scale="figure') == 2, "severity curves with a shared scale and with a scale for each panel"

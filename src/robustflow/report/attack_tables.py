@@ -50,7 +50,8 @@ SHORT = ("budget", "epe", "cre", "rcre", "gain")
 _NORMS = {"linf": "L-inf", "rms": "RMS", "area": "Area, % of the pixels"}
 _REMARK = (
     "Adversarial attacks, not included in any mean over corruptions. Budgets are in grey levels (0 to 255) and apply "
-    "to the 8-bit frames that were evaluated. Median: over the pixels of a pair, averaged over pairs. Capped: "
+    "to the 8-bit frames that were evaluated. Fl: pixels with an error above 3 px and 5 %. "
+    "Median: over the pixels of a pair, averaged over pairs. Capped: "
     "error per pixel limited to the frame diagonal. Gain: error minus that under random noise of the same norm. "
     "Target progress: movement from the clean flow towards the attack's target. Last quarter: gain in the last quarter "
     "of the evaluations. Start spread: best minus worst random start (the error is that of the best). Both are in px, "

@@ -122,7 +122,6 @@ LONGEST_NAME = 30
 """Maximum number of characters of a name next to a point, before the number that follows it."""
 
 _NAME_SIZE = 7.5
-_NAMES_AT_ANY_COST = 40
 _OVERLAP = 10.0
 """Cost of two overlapping names."""
 _MISREAD = 4.0
@@ -192,8 +191,8 @@ WITH_INTERVALS = "Whiskers are 95 % confidence intervals; long ones end at the e
 
 def spread_labels(axes: Axes, points: list[tuple[float, float, str]], radii: Sequence[float]) -> list[Annotation]:
     """Place names next to their points, whose markers have `radii` in points, at the position with the least overlap
-    with names and points already placed. A line connects a name with its point if a different marker is nearer. With
-    more than `_NAMES_AT_ANY_COST` points, names that would overlap are omitted.
+    with names and points already placed. A line connects a name with its point if a different marker is nearer. Names
+    that would overlap everywhere are omitted.
     """
     figure = axes.figure
     assert isinstance(figure, Figure)
@@ -226,7 +225,7 @@ def spread_labels(axes: Axes, points: list[tuple[float, float, str]], radii: Seq
         text.set_position(places[best][0])
         text.set_horizontalalignment(places[best][1])
         texts.append(text)
-        if len(points) > _NAMES_AT_ANY_COST and cost[best] >= _OVERLAP:
+        if cost[best] >= _OVERLAP:
             text.set_visible(False)
             continue
         placed = np.concatenate([placed, boxes[best]])
@@ -240,7 +239,7 @@ def _places(radius: float) -> list[_Place]:
     """List candidate positions of a name around a marker, best first: offset (right, up) in points, and the
     alignment."""
     places: list[_Place] = []
-    for reach in (radius + 3, radius + 11, radius + 20, radius + 32):
+    for reach in (radius + 3, radius + 11, radius + 20, radius + 32, radius + 46, radius + 62):
         slant, up = 0.8 * reach, reach + 2
         places += [((reach, 0.0), "left"), ((-reach, 0.0), "right"), ((0.0, up), "center"), ((0.0, -up), "center")]
         places += [((slant, slant), "left"), ((-slant, slant), "right")]

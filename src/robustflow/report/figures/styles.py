@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from colorsys import hls_to_rgb
 from dataclasses import dataclass, field
 from typing import Literal
 
+from matplotlib.colors import to_hex
 from matplotlib.lines import Line2D
 
 from ...core.text import name_text
@@ -65,7 +67,7 @@ MODEL_STYLES = (
 one page."""
 
 OTHER = Style("#666666")
-"""Fallback style for models beyond the number of `MODEL_STYLES`, in figures that print names next to the points."""
+"""Style of what is not a model."""
 
 
 LegendPlace = Literal["", "upper center", "outside lower center"]
@@ -112,28 +114,35 @@ def kind_of(model: str) -> str:
 
 
 def model_styles(models: Iterable[str]) -> dict[str, Style]:
-    """Assign a style to each model in order; models beyond the number of styles get `OTHER`.
+    """Assign a style to each model in order.
 
     >>> list(model_styles(["DIS", "Mine"]).values())
     [Style(colour='#E69F00', marker='o'), Style(colour='#6A3D9A', marker='s')]
     """
-    return {
-        model: MODEL_STYLES[index] if index < len(MODEL_STYLES) else OTHER
-        for index, model in enumerate(dict.fromkeys(models))
-    }
+    return {model: nth_style(index) for index, model in enumerate(dict.fromkeys(models))}
+
+
+def nth_style(index: int) -> Style:
+    """Return the style of a model by its place; beyond `MODEL_STYLES`, hues that are a golden angle apart.
+
+    >>> len({nth_style(index).colour for index in range(200)})
+    200
+    """
+    if index < len(MODEL_STYLES):
+        return MODEL_STYLES[index]
+    lightness = 0.4 + 0.01 * (index % 15)
+    return Style(to_hex(hls_to_rgb(index * 0.618034 % 1, lightness, 0.5)), MODEL_STYLES[index % 8].marker)
 
 
 def distinct_styles(styles: Mapping[str, Style | None]) -> dict[str, Style]:
     """Return the given styles of a few models, or assign styles in order if the given ones are not distinct."""
-    known = {model: style for model, style in styles.items() if style not in (None, OTHER)}
+    known = {model: style for model, style in styles.items() if style is not None}
     return {**known} if len(set(known.values())) == len(styles) else model_styles(styles)
 
 
 def model_key(styles: Mapping[str, Style]) -> list[KeyEntry]:
-    """Build a legend of models; models without a unique style share an entry."""
-    key = [(model, style, True) for model, style in styles.items()]
-    own = [entry for entry in key if entry[1] != OTHER]
-    return [*own, ("other models", OTHER, True)] if len(own) < len(key) else own
+    """Build a legend of models."""
+    return [(model, style, True) for model, style in styles.items()]
 
 
 def kind_key(models: Iterable[str]) -> list[KeyEntry]:

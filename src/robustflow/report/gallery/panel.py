@@ -44,14 +44,13 @@ def draw_panel(panel: View, title: str, numbers: str, form: str = "png") -> byte
             draw.text((left, top - _CAPTION / 2), caption, "black", _font(20), anchor="lm")
         else:  # in place of ground truth
             middle = left + _WIDEST // 2
-            _paste(image, _colour_wheel(each), (middle - each // 2, top))
+            _paste(image, colour_wheel(each), (middle - each // 2, top))
             draw.text((middle, top - _CAPTION / 2), _WHEEL, "black", _font(20), anchor="mm")
     below = image.height - _LEGEND
     if all(picture is not None for _, picture in pictures):
-        _paste(image, _colour_wheel(80), (_LEFT[0], below + 6))
+        _paste(image, colour_wheel(80), (_LEFT[0], below + 6))
         draw.text((_LEFT[0] + 95, below + _LEGEND / 2), _WHEEL, "black", _font(18), anchor="lm")
-    scale = error_colours(np.geomspace(LOWEST, HIGHEST, 644)[None])
-    _paste(image, scale, (_LEFT[1] + 21, below + 28), (644, 14))
+    _paste(image, error_scale(644), (_LEFT[1] + 21, below + 28), (644, 14))
     for third, (text, anchor) in enumerate(_ERRORS):
         draw.text((_LEFT[1] + 21 + third * 644 / 3, below + 50), text, "black", _font(18), anchor=anchor)
     out = io.BytesIO()
@@ -114,12 +113,18 @@ def _pictures(panel: View) -> list[_Captioned]:
     ]
 
 
-def _colour_wheel(size: int) -> Frame:
+def colour_wheel(size: int) -> Frame:
+    """Return the key of the colours of flows, RGB uint8 (size, size, 3), white outside its circle."""
     side = np.linspace(-1, 1, size, dtype=np.float32)
     flow: Flow = np.stack(np.meshgrid(side, side), axis=2)
     colours = flow_colours(flow, 1.0)
     colours[np.hypot(*np.moveaxis(flow, 2, 0)) > 1] = 255
     return colours
+
+
+def error_scale(width: int) -> Frame:
+    """Return the colours of errors from 0.1 to 100 px, RGB uint8 (1, width, 3)."""
+    return error_colours(np.geomspace(LOWEST, HIGHEST, width)[None])
 
 
 def _paste(image: Image.Image, picture: Frame, place: tuple[int, int], size: tuple[int, int] | None = None) -> None:

@@ -34,7 +34,7 @@ from ...core.types import Frame
 from ...data.benchmarks.facts import is_still
 from ...data.benchmarks.paper import DEMO_CLASSES
 from ...data.datasets import load_dataset
-from ...media.images import jpeg_address, read_image, shrunk
+from ...media.images import jpeg_address, read_image
 from ...run.pictures import SLIDER_WIDTH
 from ...run.trust import code_digest
 from ...stats.model_result import ModelResult
@@ -52,9 +52,16 @@ _TITLE = "Middlebury 2014, Motorcycle"
 _LARGEST = 1 << 24
 """Maximum size of a picture and of the cached slider in bytes."""
 _LARGEST_LIST = 1 << 20
-_PANEL_WIDTH = 1200
-_STRIP_WIDTH = 560
+_TILE_WIDTH = 560
 _QUALITY = 62
+
+Tile = tuple[str, str]
+"""The caption and the address of a picture."""
+_PAIRS = ("frame 1", "frame 2", "corrupted frame 1", "corrupted frame 2")
+_SHOWN = (*_PAIRS, "flow, clean frames", "flow, corrupted frames")
+_WITH_TRUTH = (*_SHOWN, "ground truth (black: unknown)", "error, corrupted frames")
+_WITHOUT_TRUTH = (*_SHOWN, "", "change of the flow")
+_STILL = (*_PAIRS[2:], "phantom motion, clean frames", "phantom motion, corrupted frames", "the frame", "its length")
 
 MOST_RUNS = 12
 """Maximum number of runs whose panels a page shows, because each run adds a third of a megabyte. With more runs, only
@@ -88,15 +95,15 @@ def embedded_slider() -> Slider | None:
 
 @dataclass(frozen=True)
 class PanelPicture:
-    """A picture of a sample with its predicted flow and the errors; `corruption` is the name used in tables."""
+    """The pictures of a sample with its predicted flow and the errors, of which a page's first screen has those in
+    `shown`; `corruption` is the name used in tables."""
 
     title: str
     corruption: str
     severity: int
     numbers: str
-    picture: str
-    width: int
-    height: int
+    tiles: list[Tile]
+    shown: list[int]
 
 
 @dataclass(frozen=True)
@@ -135,38 +142,34 @@ def run_examples(run: Run) -> tuple[Slider, list[PanelPicture]] | None:
     cells = (GalleryCell(one.corruption, one.severity, [_picture(folder / one.file)]) for one in shown.slider.pictures)
     clean = [_picture(folder / shown.slider.clean)]
     slider = make_slider(f"Sample {plain(shown.slider.key)}", clean, cells, widest=SLIDER_WIDTH, quality=_QUALITY)
-    return slider, [_panel(folder, panel) for panel in shown.panels]
+    still, truth = is_still(run.benchmark), run.epe_clean is not None
+    return slider, [_panel(folder / panel.file, panel, still, truth) for panel in shown.panels]
 
 
-def worst_strip(run: Run) -> list[tuple[str, str]]:
-    """Return the corrupted frame, the flow and its error in the picture of a run's worst sample, as (caption, address);
-    empty if the picture does not have the size of a panel."""
-    still = is_still(run.benchmark)
-    path = run.path / FOLDER / "worst.jpg"
-    panel = _picture(path) if path.is_file() else np.zeros((1, 1, 3), np.uint8)
-    cut = [picture_of_panel(panel, place, 3 if still else 4) for place in range(6 if still else 8)]
-    parts = [one for one in cut if one is not None and one.size]
-    if len(parts) < len(cut):
-        return []
-    change = [float(np.abs(parts[place].astype(int) - parts[place + 2]).mean()) for place in (0, 1)]
-    places = (0, 3, 5) if still else (2 + (change[1] > change[0]), 5, 7)  # over_exposure changes one of the two frames
-    error = "Error" if run.epe_clean is not None else "Change of the flow"
-    captions = ("Corrupted frame", f"Flow of {plain(run.name)}", error)
-    return [
-        (caption, jpeg_address(parts[place], _STRIP_WIDTH, _QUALITY))
-        for caption, place in zip(captions, places, strict=True)
-    ]
-
-
-def _panel(folder: Path, panel: Panel) -> PanelPicture:
-    frame = shrunk(_picture(folder / panel.file), _PANEL_WIDTH)
-    height, width = frame.shape[:2]
+def _panel(path: Path, panel: Panel, still: bool, truth: bool) -> PanelPicture:
     corruption = plain(long_label(panel.corruption))
-    title = f"{panel.kind.capitalize()} sample: {plain(panel.key)}, {corruption}, severity {panel.severity}"
     values = (("EPE", panel.epe), ("CRE", panel.cre), ("RCRE", panel.rcre))
     numbers = ", ".join(f"{label} {value:.2f} px" for label, value in values if value is not None)
-    picture = jpeg_address(frame, _PANEL_WIDTH, _QUALITY)
-    return PanelPicture(title, corruption, panel.severity, numbers, picture, width, height)
+    title = f"{panel.kind.capitalize()} sample: {plain(panel.key)}, {corruption}, severity {panel.severity}"
+    return PanelPicture(title, corruption, panel.severity, numbers, *_tiles(_picture(path), still, truth))
+
+
+def _tiles(panel: Frame, still: bool, truth: bool) -> tuple[list[Tile], list[int]]:
+    """Cut the image of a panel into its pictures; return them with their captions, and the places of the corrupted
+    frame, the clean flow, the flow and its error. Both are empty if the image does not have the size of a panel."""
+    captions = _STILL if still else _WITH_TRUTH if truth else _WITHOUT_TRUTH
+    cut = [picture_of_panel(panel, place, len(captions) // 2) for place in range(len(captions))]
+    parts = [part for part in cut if part is not None and part.size]
+    if len(parts) < len(cut):
+        return [], []
+    change = [float(np.abs(parts[place].astype(int) - parts[place + 2]).mean()) for place in (0, 1)]
+    first = 2 + (change[1] > change[0])  # over_exposure changes one of the two frames
+    tiles = [
+        (caption, jpeg_address(part, _TILE_WIDTH, _QUALITY))
+        for caption, part in zip(captions, parts, strict=True)
+        if caption
+    ]
+    return tiles, [0, 2, 3, 5] if still else [first, 4, 5, len(tiles) - 1]
 
 
 def _picture(path: Path) -> Frame:

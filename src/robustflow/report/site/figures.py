@@ -21,7 +21,7 @@ from ...stats.published.tables import PAPER
 from ..figures import OF_ONE_MODEL, FigureStyles, displacement_figure, figures_by_sample_set, severity_curves
 from ..figures.canvas import MarkedFigure
 from ..figures.curves import MOST_LINES, scale_panels, security_figure, sparsification_curves
-from ..figures.styles import MODEL_STYLES, OTHER, Style
+from ..figures.styles import MODEL_STYLES, Style, nth_style
 from ..leaderboard import by_error
 from ..table import Table
 from .content import Content
@@ -104,7 +104,7 @@ def page_styles(content: Content) -> FigureStyles:
         for line in sorted(lines, key=by_error):
             name = line.name if line.run is None else line.run.name
             place = places.setdefault((name, counts[name]), len(places))
-            styles[line] = MODEL_STYLES[place] if place < len(MODEL_STYLES) else OTHER
+            styles[line] = nth_style(place)
             counts[name] += 1
     return FigureStyles(styles, legend="")
 
@@ -117,9 +117,9 @@ def _row_figures(frames: str, content: Content, styling: FigureStyles) -> Iterab
     runs = {line.name: line.run for line in lines if line in best and line.run}
     with suppress(UsageError):  # runs without valid pixels have no curve
         styles = {line.name: styling.styles[line] for line in best}
-        curves = severity_curves(
-            {name: run.rows for name, run in runs.items()}, styles=styles, legend=bool(styling.legend)
-        )
+        rows = {name: run.rows for name, run in runs.items()}
+        metric = "epe" if any(run.epe is not None for run in runs.values()) else "rcre"  # that of the headline
+        curves = severity_curves(rows, metric, styles=styles, legend=bool(styling.legend))
         fewer = len(runs) < len(lines)
         note = f"The {len(runs)} of {len(lines)} runs with the lowest error are drawn. " if fewer else ""
         yield "severity_curves", curves, note

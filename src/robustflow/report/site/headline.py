@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from ...core.text import counted, plain
 from ...data.benchmarks.facts import is_still, sample_noun
@@ -18,7 +18,7 @@ from ...stats.results import AVERAGE, CLEAN, LABELS, benchmark_words, inside, lo
 from ..leaderboard import Setting, setting_of
 from ..table import Table, interval_text
 from .content import Content
-from .examples import PanelPicture, worst_strip
+from .examples import PanelPicture
 
 
 @dataclass(frozen=True)
@@ -45,7 +45,8 @@ def headline_of(content: Content, board: Table, panels: Mapping[ModelResult, Seq
     if pictured is None or pictured.run is None:
         return Headline(sentence)
     panel = panels[pictured][0]
-    return Headline(sentence, worst_strip(pictured.run), panel, content.pages[pictured])
+    panel = replace(panel, title=f"{plain(pictured.name)}. {panel.title}")
+    return Headline(sentence, [panel.tiles[place] for place in panel.shown], panel, content.pages[pictured])
 
 
 def _about_run(line: ModelResult, run: Run) -> str:

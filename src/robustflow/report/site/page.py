@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from functools import cache
 
 import polars as pl
@@ -12,17 +12,22 @@ from markupsafe import Markup
 from ...core.errors import RunError
 from ...core.text import plain
 from ...core.version import VERSION
+from ...corruptions.registry import ordered
+from ...media.images import png_address
 from ...run.run import Run
 from ...stats.audit import AUDIT_CHECKS, audit_results
-from ...stats.model_result import ModelResult
+from ...stats.model_result import ModelResult, by_frames
 from ...stats.published.tables import PAPER
+from ...stats.results import AVERAGE, CLEAN, long_label, metric_label
 from ..attack_tables import attack_table, prediction_table
 from ..gallery import slider
+from ..gallery.panel import colour_wheel, error_scale
+from ..leaderboard import by_error
 from ..notebook import asset, content_policy, json_block, templates
 from ..render.html import render as render_table
 from ..run_tables import confidence_table
 from ..table import Column, Table
-from .content import Content, run_content
+from .content import MOST_DETAILED, Content, run_content
 from .data import page_data
 from .examples import Examples, examples_of
 from .figures import FigureGroup, PageFigure, attack_figure, page_figures
@@ -54,6 +59,7 @@ def render_site(
                     "board": board,
                     "headline": headline_of(content, board, examples.panels if examples else {}),
                     "figures": [group for group in figures if group.benchmark == board.name],
+                    "corruptions": list(_by_corruption(content, board.name)),
                     "audits": _audits(content, board.name),
                 }
                 for board in content.boards
@@ -68,6 +74,8 @@ def render_site(
             pictured=None if pictured is None else order.index(pictured),
             slider=slider.slider_markup(examples.slider) if examples else None,
             data=json_block(page_data(content, examples.panels if examples else {})),
+            wheel=png_address(colour_wheel(80)),
+            scale=png_address(error_scale(256)),
             style=_style(),
             script=_script(),
             policy=content_policy(_script()),
@@ -115,6 +123,20 @@ def _audits(content: Content, benchmark: str) -> list[tuple[str, str, list[tuple
         outcome = f"{len(audit.findings)} of {sum(audit.checked.values())} compared numbers are inconsistent"
         out.append((audited, outcome, checks))
     return out
+
+
+def _by_corruption(content: Content, benchmark: str) -> Iterator[Table]:
+    """Yield a table of the headline's measure for each group of runs on the same frames: a corruption in each row."""
+    for frames, lines in by_frames(line for line in content.lines if line.run and line.benchmark == benchmark).items():
+        metric = next((name for name in ("epe", "rcre") if any(line.numbers(name) for line in lines)), "epe")
+        names = ordered({name for line in lines for name in line.numbers(metric)} - {CLEAN, AVERAGE})
+        if len(lines) < 2 or not names:
+            continue
+        best = sorted(lines, key=by_error)[:MOST_DETAILED]
+        columns = [plain(line.name, 40) for line in best]
+        rows = [(plain(long_label(name)), [line.number(metric, name) for line in best]) for name in names]
+        title = f"{metric_label(metric)} by corruption. {content.group_titles.get(frames, '')}"
+        yield Table.of("by-corruption", title, columns, {"": rows}, row_header="Corruption")
 
 
 def _warnings(runs: Sequence[ModelResult]) -> list[tuple[str, str]]:

@@ -49,11 +49,13 @@ function scoresOf({ title, columns, sections: [{ lines: [line] }] }) {
   return make("div", { class: "scores" }, head, make("dl", {}, ...tiles), meaning);
 }
 
-function panelOf({ title, numbers, picture, width, height }, id, index) {
-  const alt = `Frames, corrupted frames, flow and error map side by side. ${numbers}`;
-  const image = make("img", { src: picture, width, height, alt });
+function panelOf({ title, numbers, tiles }, id, index) {
+  const pictures = tiles.map(([caption, src]) =>
+    make("figure", {}, make("img", { src, alt: `${caption}. ${title}` }), make("figcaption", {}, caption)),
+  );
   const caption = make("figcaption", {}, numbers ? `${title}: ${numbers}` : title);
-  return make("figure", { class: "panel", id: `panel-${id}-${index}`, tabindex: "-1" }, caption, scroll(title, image));
+  const attributes = { class: "panel", id: `panel-${id}-${index}`, tabindex: "-1" };
+  return make("figure", attributes, caption, make("div", { class: "tiles" }, ...pictures));
 }
 
 window.robustflow.modelPage = (id, primary) => {
