@@ -59,6 +59,9 @@ the fraction is 0.08 to 0.82 for DIS, and at least 0.91 for a tenth of its flow.
 FOLLOWED_BELOW = 0.5
 """Clean photometric error, as a fraction of that of zero flow, below which a flow follows the motion, whatever its EPE.
 On 23 real pairs, half of the true flow has a fraction of 0.56 to 0.86."""
+OUTLIERS_BELOW = 0.5
+"""Share of wrong pixels (Fl) below which a large mean error is that of outliers, if these are over 100 px wrong and ten
+times as much as the motion."""
 COVERED_FROM = 0.99
 """Lower bound on the share of the pixels that a model predicted. Below it, a low EPE can be due to easy pixels."""
 
@@ -95,14 +98,22 @@ def reasons_from_rows(rows: pl.DataFrame) -> list[str]:
     reasons = []
     clean = _clean_means(rows)
     error, of_still = clean.get("photometric"), clean.get("photometric_still")
+    outlying = False
     if (missed := missed_motion(rows)) is not None:
         epe, still = missed
         why = "a flow that misses the motion can hardly get worse"
-        if still < SMALL_MOTION:
+        wrong = clean.get("fl", 100.0) / 100
+        others = epe - (1 - wrong) * (3 + 0.05 * still)  # the most that pixels that are not wrong can add
+        outlying = 0 < wrong < OUTLIERS_BELOW and others > max(100, 10 * still) * wrong
+        if outlying:
+            pixels = f"{100 * wrong:.1f} % of the pixels"
+            why = f"made by outliers among {pixels}, which are {others / wrong:.3g} px wrong on average"
+        elif still < SMALL_MOTION:
             why = "motion this small does not distinguish a sound model from zero flow: measure it on larger motion"
         elif error is not None and of_still and error < FOLLOWED_BELOW * of_still:
             why = "but it explains the frames, so the ground truth may be in a wrong format: check the dataset"
-        reasons.append(f"its clean EPE of {epe:.2f} px is at least half of the {still:.2f} px of zero flow ({why})")
+        number = f"{epe:.2f}" if epe < 1e6 else f"{epe:.3g}"
+        reasons.append(f"its clean EPE of {number} px is at least half of the {still:.2f} px of zero flow ({why})")
     length, moved = clean.get("flow_length"), _mean_change(rows)
     if "zero_flow_epe" not in clean and error is not None and of_still and error > EXPLAINED_BELOW * of_still:
         how = "worse" if error > of_still else "hardly better"
@@ -115,7 +126,7 @@ def reasons_from_rows(rows: pl.DataFrame) -> list[str]:
     if share is not None and share < COVERED_FROM:
         most = 100 * (1 - COVERED_FROM)
         reasons.append(f"it predicted no flow at more than {most:.0f} % of the pixels; its errors may be of easy ones")
-    if length is not None and moved is not None and moved <= BLIND_BELOW * length:
+    if not outlying and length is not None and moved is not None and moved <= BLIND_BELOW * length:
         reasons.append(
             f"its flow hardly depends on the frames: corruption changes it by {moved:.3f} px (length {length:.2f} px)"
         )

@@ -28,7 +28,11 @@ Kind = Literal["leads", "trade-off", "not decided", "only one", "nothing"]
 WITHOUT_TRUTH = ("rcre", "photometric")
 """The measures in which a leader must be better without ground truth."""
 _MOST_NAMED = 3
-_EXPLAIN = {name: measure for name, measure in (MEASURES | UNCOUPLED).items() if measure.verdict == "explains"}
+_EXPLAIN = {
+    name: measure
+    for name, measure in (MEASURES | UNCOUPLED).items()
+    if measure.verdict == "explains" and name != "rcre_all"  # nearly the same as RCRE
+}
 
 
 @dataclass(frozen=True)
@@ -150,15 +154,15 @@ def _clean_remark(cleaner: Sequence[str]) -> list[str]:
 def _reversals(first: str, cubes: Mapping[str, Cube]) -> list[str]:
     """Name the measures that prefer a model whose EPE is shown to be higher than that of the first one."""
     by_names: dict[tuple[str, ...], list[str]] = {}
-    for name, measure in _EXPLAIN.items():
+    for measure in _EXPLAIN.values():
         values = {model: cube.mean(measure, AVERAGE) for model, cube in cubes.items()}
         least = values.pop(first)
         ahead = tuple(model for model, value in values.items() if _is_visibly_less(value, least))
         if ahead:
-            by_names.setdefault(ahead, []).append((MEASURES | UNCOUPLED)[name].label)
+            by_names.setdefault(ahead, []).append(measure.label)
     return [
-        f"By {joined(labels)}, {_names(ahead)} would come before {plain(first)}: errors that are "
-        "large on clean frames, too, grow less."
+        f"By {joined(labels)}, {_names(ahead)} would come before {plain(first)}, whose EPE is "
+        "lower: large clean errors and short flows change less."
         for ahead, labels in by_names.items()
     ]
 
