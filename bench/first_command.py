@@ -45,8 +45,8 @@ PARTS: dict[str, dict[str, str]] = {
     "robustflow.run.store": {"RunFolder.write_rows": "write rows", "RunFolder.pack": "write rows"},
     "robustflow.run.costs": {"keep_cost": "cost of the model"},
     "robustflow.run.displacement": {"keep_displacement": "displacements"},
-    "robustflow.report.gallery.panel": {"draw_panel": "pictures: panels"},
-    "robustflow.report.gallery.examples": {"write_examples": "pictures: rest"},
+    "robustflow.pictures.panel": {"draw_panel": "pictures: panels"},
+    "robustflow.pictures.examples": {"write_examples": "pictures: rest"},
     "robustflow.report.site.page": {"draw_figures": "page: figures", "write_report": "page: rest"},
     "robustflow.cli.tables": {"print_result": "table"},
 }

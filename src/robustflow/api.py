@@ -202,7 +202,7 @@ def evaluate(
     """
     config = RunConfig.of(locals())
     from .core.processes import refuse_unguarded_script
-    from .report.gallery.examples import capture_slider_pictures
+    from .pictures.examples import capture_slider_pictures
     from .run.compute_missing import compute_missing
     from .run.engines.choose import choose_engine
     from .run.progress import Silent, TerminalProgress, shown
@@ -248,7 +248,8 @@ def evaluate(
 
 def _draw(result: Result, plan: Plan, wanted: bool, drawing: Callable[[str], None]) -> None:
     """Draw the example pictures and the page after the rows are saved, so that a failure here loses no rows."""
-    from .report.gallery.examples import are_current, drop_examples, write_examples
+    from .pictures.examples import drop_examples, write_examples
+    from .report.gallery.examples import are_current
     from .run.costs import keep_cost
     from .run.displacement import keep_displacement
 

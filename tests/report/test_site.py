@@ -21,7 +21,7 @@ from robustflow.data.datasets import load_dataset
 from robustflow.media.images import read_image
 from robustflow.report.figures import clean_against_cre, relations, severity_curves
 from robustflow.report.figures.canvas import new_figure
-from robustflow.report.gallery.panel import picture_of_panel
+from robustflow.report.gallery.layout import picture_of_panel
 from robustflow.report.notebook import json_block
 from robustflow.report.site import page, render_site, run_content, whole_content
 from robustflow.report.site.examples import examples_of

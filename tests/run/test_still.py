@@ -13,7 +13,7 @@ from robustflow.data.datasets.still import Still
 from robustflow.media.flow import write_flow
 from robustflow.media.images import read_image
 from robustflow.models import ModelSpec
-from robustflow.report.gallery.panel import draw_panel
+from robustflow.pictures.panel import draw_panel
 from robustflow.report.site import render_site, run_content
 from robustflow.run.comparable import sample_set
 from robustflow.run.recheck import recheck

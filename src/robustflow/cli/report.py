@@ -150,7 +150,8 @@ def _print_runs(runs: "Sequence[Run]", metric: str | None, as_json: bool) -> Non
 def _draw(folder: Path, cell: tuple[str | None, str | None, int | None], given: dict[str, Any]) -> None:
     """Draw the examples of a run, or only one of its cells: (sample, corruption, severity)."""
     from ..models import ModelSpec
-    from ..report.gallery.examples import FOLDER, are_current, draw_example, write_examples
+    from ..pictures.examples import draw_example, write_examples
+    from ..report.gallery.examples import FOLDER, are_current
     from ..report.site.page import write_report
     from ..run.run import Run
     from ..run.setup import restore_plan

@@ -41,7 +41,7 @@ from ...stats.model_result import ModelResult
 from ...stats.results import long_label
 from ..gallery.cells import GalleryCell, pair_cells
 from ..gallery.examples import EXAMPLES_FILE, FOLDER, ExampleList, Panel, example_list
-from ..gallery.panel import picture_of_panel
+from ..gallery.layout import picture_of_panel
 from ..gallery.slider import Slider, make_slider
 
 if TYPE_CHECKING:

@@ -21,7 +21,7 @@ from ...stats.published.tables import PAPER
 from ...stats.results import AVERAGE, CLEAN, long_label, metric_label
 from ..attack_tables import attack_table, prediction_table
 from ..gallery import slider
-from ..gallery.panel import colour_wheel, error_scale
+from ..gallery.layout import colour_wheel, error_scale
 from ..leaderboard import by_error
 from ..notebook import asset, content_policy, json_block, templates
 from ..render.html import render as render_table

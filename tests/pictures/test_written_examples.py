@@ -21,7 +21,7 @@ from robustflow.core.errors import RunError
 from robustflow.corruptions.digital import Contrast
 from robustflow.media.images import write_image
 from robustflow.models import ModelSpec
-from robustflow.report.gallery import examples as examples_module
+from robustflow.pictures import examples as examples_module
 from robustflow.report.gallery.examples import are_current
 from robustflow.run.progress import DRAWN, TerminalProgress
 from robustflow.run.recheck import recheck

@@ -20,7 +20,7 @@ from robustflow.media.colours import (
     flow_colours,
     thickened,
 )
-from robustflow.report.gallery.panel import draw_panel, panel_title
+from robustflow.pictures.panel import draw_panel, panel_title
 from robustflow.run.worker import View
 
 

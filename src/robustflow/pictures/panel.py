@@ -10,17 +10,15 @@ from typing import Any
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
-from ...core.text import plain
-from ...core.types import Flow, Frame
-from ...media.colours import HIGHEST, LOWEST, error_colours, flow_colours, flow_radius, thickened
-from ...metrics.error_maps import epe_map
-from ...run.worker import View
+from ..core.text import plain
+from ..core.types import Frame
+from ..media.colours import error_colours, flow_colours, flow_radius, thickened
+from ..metrics.error_maps import epe_map
+from ..report.gallery.layout import CAPTION, HEAD, LEFT, LEGEND, WIDEST, WIDTH, colour_wheel, error_scale, top_of
+from ..run.worker import View
 
-_WIDTH, _TALLEST = 1400, 700
-"""Width of a panel, and maximum height of a picture, in pixels."""
-_LEFT, _WIDEST = (7, 707), 690
-_HEAD, _CAPTION, _LEGEND = 40, 34, 92
-"""Height of the heading, of a caption and of the legend at the bottom, in pixels."""
+_TALLEST = 700
+"""Maximum height of a picture in pixels."""
 _JPEG_QUALITY = 88
 _WHEEL = "direction and length of the flow, as colours"
 _ERRORS = (("0.1 px or less", "lt"), ("1 px", "mt"), ("10 px", "mt"), ("100 px or more", "rt"))
@@ -32,45 +30,31 @@ def draw_panel(panel: View, title: str, numbers: str, form: str = "png") -> byte
     """Return a panel as the content of a PNG or JPEG file; the same panel always yields the same bytes."""
     pictures = _pictures(panel)
     height, width = panel.sample.shape
-    each = max(1, round(min(_WIDEST * height / width, _TALLEST)))
-    image = Image.new("RGB", (_WIDTH, _HEAD + len(pictures) // 2 * (_CAPTION + each) + _LEGEND), "white")
+    each = max(1, round(min(WIDEST * height / width, _TALLEST)))
+    image = Image.new("RGB", (WIDTH, HEAD + len(pictures) // 2 * (CAPTION + each) + LEGEND), "white")
     draw = ImageDraw.Draw(image)
-    draw.text((_LEFT[0], _HEAD / 2), title, "black", _font(20, bold=True), anchor="lm")
-    draw.text((_WIDTH - _LEFT[0], _HEAD / 2), numbers, "black", _font(20), anchor="rm")
+    draw.text((LEFT[0], HEAD / 2), title, "black", _font(20, bold=True), anchor="lm")
+    draw.text((WIDTH - LEFT[0], HEAD / 2), numbers, "black", _font(20), anchor="rm")
     for place, (caption, picture) in enumerate(pictures):
-        left, top = _LEFT[place % 2], _top(place, each)
+        left, top = LEFT[place % 2], top_of(place, each)
         if picture is not None:
             _paste(image, picture, (left, top), (max(1, round(each * width / height)), each))
-            draw.text((left, top - _CAPTION / 2), caption, "black", _font(20), anchor="lm")
+            draw.text((left, top - CAPTION / 2), caption, "black", _font(20), anchor="lm")
         else:  # in place of ground truth
-            middle = left + _WIDEST // 2
+            middle = left + WIDEST // 2
             _paste(image, colour_wheel(each), (middle - each // 2, top))
-            draw.text((middle, top - _CAPTION / 2), _WHEEL, "black", _font(20), anchor="mm")
-    below = image.height - _LEGEND
+            draw.text((middle, top - CAPTION / 2), _WHEEL, "black", _font(20), anchor="mm")
+    below = image.height - LEGEND
     if all(picture is not None for _, picture in pictures):
-        _paste(image, colour_wheel(80), (_LEFT[0], below + 6))
-        draw.text((_LEFT[0] + 95, below + _LEGEND / 2), _WHEEL, "black", _font(18), anchor="lm")
-    _paste(image, error_scale(644), (_LEFT[1] + 21, below + 28), (644, 14))
+        _paste(image, colour_wheel(80), (LEFT[0], below + 6))
+        draw.text((LEFT[0] + 95, below + LEGEND / 2), _WHEEL, "black", _font(18), anchor="lm")
+    _paste(image, error_scale(644), (LEFT[1] + 21, below + 28), (644, 14))
     for third, (text, anchor) in enumerate(_ERRORS):
-        draw.text((_LEFT[1] + 21 + third * 644 / 3, below + 50), text, "black", _font(18), anchor=anchor)
+        draw.text((LEFT[1] + 21 + third * 644 / 3, below + 50), text, "black", _font(18), anchor=anchor)
     out = io.BytesIO()
     options: dict[str, Any] = {"quality": _JPEG_QUALITY, "subsampling": 0} if form == "jpeg" else {}
     image.save(out, form, **options)
     return out.getvalue()
-
-
-def picture_of_panel(panel: Frame, place: int, rows: int) -> Frame | None:
-    """Cut one picture, counted in the order of drawing, out of the image of a panel with so many rows of pictures. None
-    if the image does not have the size of such a panel."""
-    each = (len(panel) - _HEAD - _LEGEND) // rows - _CAPTION
-    if panel.shape[1] != _WIDTH or each < 1:
-        return None
-    top, left = _top(place, each), _LEFT[place % 2]
-    return panel[top : top + each, left : left + _WIDEST]
-
-
-def _top(place: int, each: int) -> int:
-    return _HEAD + place // 2 * (_CAPTION + each) + _CAPTION
 
 
 def _pictures(panel: View) -> list[_Captioned]:
@@ -111,20 +95,6 @@ def _pictures(panel: View) -> list[_Captioned]:
         ("ground truth (black: unknown)", known),
         ("end-point error on the corrupted frames (grey: unknown)", error),
     ]
-
-
-def colour_wheel(size: int) -> Frame:
-    """Return the key of the colours of flows, RGB uint8 (size, size, 3), white outside its circle."""
-    side = np.linspace(-1, 1, size, dtype=np.float32)
-    flow: Flow = np.stack(np.meshgrid(side, side), axis=2)
-    colours = flow_colours(flow, 1.0)
-    colours[np.hypot(*np.moveaxis(flow, 2, 0)) > 1] = 255
-    return colours
-
-
-def error_scale(width: int) -> Frame:
-    """Return the colours of errors from 0.1 to 100 px, RGB uint8 (1, width, 3)."""
-    return error_colours(np.geomspace(LOWEST, HIGHEST, width)[None])
 
 
 def _paste(image: Image.Image, picture: Frame, place: tuple[int, int], size: tuple[int, int] | None = None) -> None:
