@@ -4,7 +4,9 @@ import numpy as np
 import pytest
 
 from robustflow.attacks import load_attack
+from robustflow.core.errors import UsageError
 
+from ..refusals import refusal
 from .numpy_problem import NumpyProblem, numpy_problem
 
 SEEDS = range(3)
@@ -115,10 +117,22 @@ def test_flowbench_takes_one_start_with_constant_steps_and_returns_the_last_pair
 
 
 @pytest.mark.parametrize("seed", SEEDS)
-@pytest.mark.parametrize(("steps", "norm"), [(1, "linf"), (6, "linf"), (6, "rms"), (40, "linf"), (120, "linf")])
-def test_apgd_halves_its_step_at_the_checkpoints_of_the_paper(steps, norm, seed):
-    attack, problem = numpy_problem("apgd", budget=40, steps=steps, norm=norm, starts=2, seed=seed)
-    reference = numpy_problem("apgd", budget=40, norm=norm, seed=seed)[1]
+@pytest.mark.parametrize(
+    ("steps", "norm", "budget"),
+    [
+        (1, "linf", 40),
+        (6, "linf", 40),
+        (6, "rms", 40),
+        (40, "linf", 40),
+        (40, "linf", 12),
+        (120, "linf", 40),
+        (95, "linf", 40),
+        (167, "linf", 40),
+    ],
+)
+def test_apgd_halves_its_step_at_the_checkpoints_of_the_paper(steps, norm, budget, seed):
+    attack, problem = numpy_problem("apgd", budget=budget, steps=steps, norm=norm, starts=2, seed=seed)
+    reference = numpy_problem("apgd", budget=budget, norm=norm, seed=seed)[1]
     starts = [problem.ball.random(problem.pair.stream("apgd").spawn(number)) for number in range(2)]
     images = attack.run(problem, problem.pair.stream("apgd"))
     assert_follows(problem, [pair for start in starts for pair in apgd(reference, start, steps)])
@@ -192,3 +206,11 @@ def test_a_start_below_the_clean_score_gains_from_the_clean_score():
         problem.note(problem.ball.clean, clean + value)
     assert problem.late_gain == pytest.approx(2)
     assert problem.start_spread is None
+
+
+@pytest.mark.parametrize(("step", "accepted"), [(2, True), (2.01, False), (0, True), (-0.01, False)])
+def test_a_constant_step_is_at_most_twice_the_budget(step, accepted):
+    if accepted:
+        assert load_attack(f"pgd:step={step}").step == step
+    else:
+        refusal(lambda: load_attack(f"pgd:step={step}"), UsageError, "step")

@@ -18,6 +18,7 @@ from hypothesis.extra import numpy as hnp
 from PIL import Image
 
 from robustflow.core.errors import AssetError, DataError
+from robustflow.media.arrays import claimed_size
 from robustflow.media.flow import FLOW_SUFFIXES, read_flow, write_flow
 from tests.refusals import refusal
 
@@ -83,7 +84,7 @@ def test_kitti_holds_its_whole_range_exactly(tmp_path: Path) -> None:
     np.testing.assert_array_equal(read, flow)
 
 
-@pytest.mark.parametrize("value", [512.0, -512.1, 511.9999])
+@pytest.mark.parametrize("value", [512.0, -512.01, 511.9999])
 def test_kitti_refuses_valid_vectors_beyond_its_range(tmp_path: Path, value: float) -> None:
     flow, path = np.zeros((2, 2, 2), np.float32), tmp_path / "flow.png"
     flow[1, 0, 1] = value
@@ -363,3 +364,35 @@ def test_the_largest_flow_of_a_data_set_is_below_the_cap(tmp_path: Path) -> None
     flow, valid = read_flow(tmp_path / "a.png")
     assert flow.shape == (2160, 3840, 2)
     assert valid.all()
+
+
+@pytest.mark.parametrize("size", [(99_999, 1), (1, 99_999), (2**13, 2**13), (100_000, 1), (1, 0), (2**13, 2**13 + 1)])
+def test_sides_and_pixels_of_a_file_are_limited(size: tuple[int, int]) -> None:
+    if size in ((99_999, 1), (1, 99_999), (2**13, 2**13)):
+        claimed_size(Path("a"), *size)
+    else:
+        refusal(lambda: claimed_size(Path("a"), *size), DataError, "a")
+
+
+def test_vectors_beyond_a_thousand_million_are_unknown(tmp_path: Path) -> None:
+    beyond = np.nextafter(np.float32(1e9), np.float32(2e9))
+    np.save(tmp_path / "a.npy", np.array([[[1e9, 0], [beyond, 0], [0, -beyond]]], np.float32))
+    assert read_flow(tmp_path / "a.npy")[1].tolist() == [[True, False, False]]
+    write_flow(tmp_path / "b.npy", np.full((1, 1, 2), 1e9))
+    refusal(lambda: write_flow(tmp_path / "b.npy", np.full((1, 1, 2), beyond)), DataError, tmp_path / "b.npy")
+
+
+@pytest.mark.parametrize(("more", "read"), [(0, True), (1, False)])
+def test_a_chunk_of_flo5_inflates_to_its_size(tmp_path: Path, more: int, read: bool) -> None:
+    h5py = pytest.importorskip("h5py")
+    flow = np.random.default_rng(0).normal(size=(100, 100, 2)).astype(np.float32)
+    with h5py.File(tmp_path / "flow.flo5", "w") as file:
+        made = file.create_dataset("flow", flow.shape, "f4", chunks=flow.shape, compression="gzip")
+        made.id.write_direct_chunk((0, 0, 0), zlib.compress(flow.tobytes() + bytes(more)))
+    with h5py.File(tmp_path / "filters.flo5", "w") as file:
+        file.create_dataset("flow", data=flow, compression="gzip", shuffle=True, fletcher32=True)
+    np.testing.assert_array_equal(read_flow(tmp_path / "filters.flo5")[0], flow)
+    if read:
+        np.testing.assert_array_equal(read_flow(tmp_path / "flow.flo5")[0], flow)
+    else:
+        refused(tmp_path / "flow.flo5")

@@ -92,6 +92,18 @@ def test_rows_of_which_few_cells_were_measured_are_refused_where_memory_matters(
     assert Cube.of(rows.head(4)).shape == (4, 4)
 
 
+@pytest.mark.parametrize(("count", "refused"), [(2**12, False), (2**12 + 1, True)])
+def test_cube_of_mostly_empty_cells_has_at_most_two_to_the_24(count, refused):
+    rows = rows_frame([row("0", "fog", 1)])
+    every = pl.concat([rows] * count).with_columns(
+        sample=pl.arange(count).cast(pl.String), severity=pl.arange(count) + 1
+    )
+    if refused:
+        refusal(lambda: Cube.of(every), RunError, "rows")
+    else:
+        assert Cube.of(every).shape == (count, count)
+
+
 def test_unknown_averaging_is_refused():
     refusal(lambda: Cube.of(rows_frame(THREE_IMAGES), averaging="pixels"), UsageError, "averaging")
 

@@ -49,6 +49,7 @@ def test_a_jump_counts_above_one_pixel_and_above_five_percent():
     assert _step(1.01, 0).sum() == 2
     assert not _step(1.5, 100).any()
     assert not _step(5.2, 100).any()
+    assert not _step(5.0, 95).any()
     assert _step(5.3, 100).sum() == 2
 
 

@@ -2,6 +2,8 @@
 evidence, is never accused.
 """
 
+from types import SimpleNamespace
+
 import cv2
 import numpy as np
 import pytest
@@ -11,7 +13,7 @@ from robustflow.core.types import Sample
 from robustflow.data.datasets import load_dataset
 from robustflow.media.flow import read_flow
 from robustflow.media.images import read_image
-from robustflow.metrics.photometric import Reading, misread, misread_truth
+from robustflow.metrics.photometric import UNIT, Misread, Reading, _judged, misread, misread_truth
 
 from ..shared_data import shared_folder
 
@@ -214,3 +216,56 @@ def test_reading_that_leaves_the_frame_is_no_evidence(inside, accused):
     flow = np.zeros((120, 240, 2), np.float32)
     flow[..., 0] = move / 4
     assert (misread([(*pair, flow)], truth=True) is not None) is accused
+
+
+ONE, TWO = Reading(swapped=True), Reading(swapped=True, factor=2.0)
+
+
+@pytest.mark.parametrize(
+    ("reading", "constant", "error", "given", "still", "accused"),
+    [
+        *((ONE, False, 69, 100, 100, True), (ONE, False, 71, 100, 100, False)),
+        *((ONE, False, 41, 100, 60, True), (ONE, False, 43, 100, 60, False)),
+        *((TWO, False, 49, 100, 100, True), (TWO, False, 51, 100, 100, False)),
+        *((ONE, True, 29, 100, 100, True), (ONE, True, 31, 100, 100, False)),
+        *((ONE, False, 0.48, 1, 1, True), (ONE, False, 0.52, 1, 1, False)),
+    ],
+)
+def test_reading_is_clearly_better_below_a_share_of_the_error(reading, constant, error, given, still, accused):
+    levels = (np.full(1000, round(value * UNIT), np.int32) for value in (error, given, still))
+    of_reading, errors, of_still = levels
+    pair = SimpleNamespace(read=lambda _: of_reading, given=errors, still=of_still, known=1000, outside=False)
+    assert (_judged([pair], reading, constant) is not None) is accused
+
+
+@pytest.mark.parametrize(
+    ("known", "both", "inside", "accused"),
+    [
+        *((1000, 256, 1000, True), (1000, 255, 1000, False)),
+        *((10_000, 510, 10_000, True), (10_000, 490, 10_000, False)),
+        *((1000, 500, 500, True), (1000, 490, 490, False), (1000, 510, 510, True)),
+    ],
+)
+def test_a_reading_is_judged_by_enough_pixels_inside_the_frame(known, both, inside, accused):
+    of_reading = np.where(np.arange(known) < inside, 0, -1).astype(np.int32)
+    errors = np.where(np.arange(known) < both, 100 * UNIT, -1).astype(np.int32)
+    pair = SimpleNamespace(read=lambda _: of_reading, given=errors, still=np.abs(errors), known=known, outside=False)
+    assert (_judged([pair], ONE, False) is not None) is accused
+
+
+@pytest.mark.parametrize(("worse", "named"), [(1.24, ONE), (1.26, Reading(factor=8.0))])
+def test_the_simplest_of_about_equal_readings_is_named(monkeypatch, worse, named):
+    better = {ONE: Misread(ONE, 10 * worse, 100), Reading(factor=8.0): Misread(Reading(factor=8.0), 10, 100)}
+    monkeypatch.setitem(misread.__globals__, "_judged", lambda pairs, reading, constant: better.get(reading))
+    assert misread([rotation()]).reading == named
+
+
+@pytest.mark.parametrize(("spread", "varied"), [(0.048, False), (0.052, True)])
+def test_vectors_vary_from_a_twentieth_of_their_length(monkeypatch, spread, varied):
+    seen = []
+    monkeypatch.setitem(misread.__globals__, "_judged", lambda pairs, reading, constant: seen.append(constant))
+    frame1, frame2, flow = rotation()
+    flow[...] = 0
+    flow[..., 0] = 10 * (1 + spread * (-1.0) ** np.arange(flow.shape[1]))
+    misread([(frame1, frame2, flow)], truth=True)
+    assert set(seen) == {not varied}

@@ -1,7 +1,7 @@
 import numpy as np
 
 from robustflow.core.types import Sample
-from robustflow.metrics.regions import MEMBERS, Regions
+from robustflow.metrics.regions import MEMBERS, Regions, edge_distance, motion_edges
 
 
 def mask(regions, name):
@@ -36,3 +36,15 @@ def test_magnitude_bins_start_at_ten_and_forty_pixels():
 
 def test_without_ground_truth_there_are_no_regions():
     assert Regions.of(_sample(flow=None, valid=None)) is None
+
+
+def test_distance_bins_of_a_plane_start_at_ten_and_sixty_pixels():
+    flow = np.zeros((80, 80, 2), np.float32)
+    flow[:3, :3] = 9.0
+    regions, distance = (
+        Regions.of(_sample(80, 80, flow=flow)),
+        edge_distance(motion_edges(flow, np.ones((80, 80), bool))),
+    )
+    assert (distance[distance < 10].max(), distance[distance < 60].max()) > (9.8, 59.8)
+    np.testing.assert_array_equal(mask(regions, "d0_10"), distance < 10)
+    np.testing.assert_array_equal(mask(regions, "d60"), distance >= 60)

@@ -25,7 +25,7 @@ def run(tmp_path_factory):
 def test_recheck_confirms_every_row_of_a_run(run):
     result = recheck(run.manifest.identity, run.rows, count=1000)
     assert result.startswith(f"{run.rows.height} of {run.rows.height} rows")
-    close = run.rows.with_columns(**_more("epe_sum", "n_valid", 0.005))
+    close = run.rows.with_columns(**_more("epe_sum", "n_valid", 0.0095))
     assert recheck(run.manifest.identity, close, model=ModelSpec("dis"), count=1000)
 
 
@@ -50,10 +50,10 @@ WITHOUT_MODEL = [
     ({"group": pl.lit("all the same")}, "group"),
 ]
 WITH_MODEL = [
-    _more("epe_sum", "n_valid", 0.02),
-    _more("rcre_all_sum", "n_all", 0.02),
-    _more("pred_magnitude_sum", "n_all", -0.02),
-    _more("photometric_sum", "n_photometric", 0.02),
+    _more("epe_sum", "n_valid", 0.0105),
+    _more("rcre_all_sum", "n_all", 0.0105),
+    _more("pred_magnitude_sum", "n_all", -0.0105),
+    _more("photometric_sum", "n_photometric", 0.0105),
     {"spread_sum": pl.lit(0.0)},
     {"n_all": pl.lit(0), "n_valid": pl.lit(0), "epe_sum": 0.0, "rcre_all_sum": 0.0},
 ]

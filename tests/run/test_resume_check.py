@@ -11,6 +11,7 @@ import pytest
 import robustflow as rf
 from robustflow.core.errors import RunError
 from robustflow.data.benchmarks import Benchmark
+from robustflow.run.trust import COMPARED, check_same
 from robustflow.testing import TexturePairs
 
 from ..refusals import refusal
@@ -146,3 +147,18 @@ def test_a_model_whose_flow_depends_on_opencvs_threads_is_resumed_with_one_threa
         cv2.setNumThreads(before)
     assert rows.height == 6
     np.testing.assert_allclose(rows["pred_magnitude_sum"] / rows["n_all"], np.sqrt(2))
+
+
+SUMS = ("pred_magnitude_sum", "rcre_all_sum", "spread_sum", "photometric_sum", "epe_sum", "n_invalid")
+
+
+@pytest.mark.parametrize("mean", [1e-3, 1.0, 300.0])
+@pytest.mark.parametrize("changed", SUMS)
+@pytest.mark.parametrize(("more", "refused"), [(0.95e-3, False), (1.05e-3, True), (-0.95e-3, False), (-1.05e-3, True)])
+def test_means_of_a_continued_run_may_differ_by_a_thousandth_of_themselves(changed, mean, more, refused):
+    before = {**dict.fromkeys(COMPARED, 100), "sample": "a", **dict.fromkeys(SUMS, 100 * mean)}
+    now = {**before, changed: (1 + more) * before[changed]}
+    if refused:
+        refusal(lambda: check_same(before, now), RunError, "a")
+    else:
+        check_same(before, now)

@@ -113,7 +113,7 @@ class CosPgd(Pgd):
 _MOMENTUM = 0.75
 """Weight of the projected step; the remaining weight applies to the previous step."""
 _IMPROVED = 0.75
-"""The step size is halved if fewer than this share of the steps since the last check raised the score."""
+"""The step size is halved if at most this share of the steps since the last check raised the score."""
 _FIRST, _SHORTER, _SHORTEST = 0.22, 0.03, 0.06
 """First interval between checks, its decrease after each, and its minimum, as shares of the number of steps."""
 

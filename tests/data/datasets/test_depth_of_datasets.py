@@ -16,6 +16,7 @@ from robustflow.core.errors import DataError
 from robustflow.core.types import Camera
 from robustflow.data.datasets import load_dataset
 from robustflow.data.datasets.depth import with_motion
+from robustflow.data.datasets.kitti import _calibration, sky
 from robustflow.media.flow import write_flow
 from robustflow.media.images import write_image
 from tests.refusals import refusal
@@ -266,3 +267,35 @@ def test_spring_has_the_depth_of_its_disparity_and_a_fitted_camera(tmp_path, dir
     np.savetxt(sequence / "cam_data" / "intrinsics.txt", [[FOCAL, FOCAL, *CENTRE]] * 2)
     damaged.write_bytes(b"no HDF5")
     refusal(lambda: data.depth(data.load(data.keys()[0])), DataError, damaged)
+
+
+@pytest.mark.parametrize(
+    ("blue", "width", "top", "measured", "is_sky"),
+    [
+        *((240, 100, 0, 0, True), (239, 100, 0, 0, False)),
+        *((255, 100, 0, 99, True), (255, 100, 0, 100, False)),
+        *((255, 5, 0, 0, True), (255, 4, 0, 0, False)),
+        (255, 100, 1, 0, False),
+    ],
+)
+def test_sky_is_blue_of_240_five_pixels_wide_at_the_upper_edge_and_less_than_a_hundredth_is_measured(
+    blue, width, top, measured, is_sky
+):
+    frame, known = np.zeros((160, 160, 3), np.uint8), np.zeros((160, 160), bool)
+    frame[top : 100 + top, 10 : 10 + width, 2] = blue
+    known[3, 10 : 10 + measured] = True
+    frame[100 + top : 120 + top, 10 + width : 30 + width, 2] = blue  # touches it at a corner
+    expected = np.zeros((160, 160), bool)
+    expected[:100, 10 : 10 + width] = is_sky
+    np.testing.assert_array_equal(sky(frame, known), expected)
+
+
+@pytest.mark.parametrize(("focal", "baseline", "read"), [(999_999, 1, True), (1_000_000, 1, False), (1, 0, False)])
+def test_focal_lengths_and_baseline_of_kitti_are_positive_and_below_a_million(tmp_path, focal, baseline, read):
+    path = tmp_path / "calibration.txt"
+    path.write_text(f"P_rect_02: {focal} 0 0 1 0 1 0 0 0 0 1 0\nP_rect_03: 1 0 0 {1 - baseline} 0 1 0 0 0 0 1 0\n")
+    if read:
+        camera, scale = _calibration(path)
+        assert (camera.focal, scale) == ((focal, 1), baseline)
+    else:
+        refusal(lambda: _calibration(path), DataError, path)
