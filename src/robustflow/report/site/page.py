@@ -135,8 +135,8 @@ def _by_corruption(content: Content, benchmark: str) -> Iterator[Table]:
         best = sorted(lines, key=by_error)[:MOST_DETAILED]
         columns = [plain(line.name, 40) for line in best]
         rows = [(plain(long_label(name)), [line.number(metric, name) for line in best]) for name in names]
-        title = f"{metric_label(metric)} by corruption. {content.group_titles.get(frames, '')}"
-        yield Table.of("by-corruption", title, columns, {"": rows}, row_header="Corruption")
+        sections = {content.group_titles.get(frames, ""): rows}
+        yield Table.of("by-corruption", f"{metric_label(metric)} by corruption", columns, sections, (), "Corruption")
 
 
 def _warnings(runs: Sequence[ModelResult]) -> list[tuple[str, str]]:
