@@ -47,10 +47,11 @@ class Logged:
     rows are detected.
     """
 
-    def __init__(self, shape: str = "500x741", marks: str = "") -> None:
+    def __init__(self, shape: str = "500x741", marks: str = "", pause: float = 0.0) -> None:
         self._log = os.environ["PREDICTION_LOG"]
         self._shape = tuple(int(side) for side in shape.split("x"))
         self._marks = marks
+        self._pause = pause
 
     def identity(self) -> dict[str, str]:
         return {"name": "logged"}
@@ -59,6 +60,7 @@ class Logged:
         if self._marks:  # a folder
             Path(self._marks, key).touch()
             wait_until(Path(self._marks, {"0": "1", "1": "rows of 0"}[key]).exists)
+        time.sleep(self._pause)
         with open(self._log, "a") as log:
             log.write(f"{os.getpid()} {key} {corruption} {severity}\n")
         value = zlib.crc32(f"{key} {corruption} {severity}".encode()) % 1000
