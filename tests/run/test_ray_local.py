@@ -242,6 +242,18 @@ def test_a_worker_that_hangs_ends_with_its_killed_driver(tmp_path, engine, fault
 
 
 @pytest.mark.slow
+def test_nothing_of_a_cluster_outlives_a_driver_killed_while_it_starts(tmp_path):
+    run = _start(tmp_path / "run", "--no-examples")
+    wait_until(lambda: any("gcs_server" in line for line in descendants(run.pid).values()), run)
+    started = [number for number, line in descendants(run.pid).items() if "/ray/" in line]
+    assert started
+    os.kill(run.pid, signal.SIGKILL)
+    run.communicate()
+    wait_until(lambda: not any(map(is_running, started)), within_s=10)
+    wait_until(lambda: not list(Path(os.environ["TMPDIR"]).glob("rf-*")), within_s=10)
+
+
+@pytest.mark.slow
 def test_a_killed_driver_is_resumed_by_another_engine(tmp_path):
     run = _start(tmp_path / "killed", "--no-examples")
     wait_until(lambda: rows_so_far(tmp_path / "killed").height, run)

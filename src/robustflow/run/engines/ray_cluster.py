@@ -66,6 +66,7 @@ def connected(address: str | None, cpus: int | None = None, sent_bytes: int = 0)
     with ExitStack() as stack:
         if address is None:
             settings |= _LOCAL | {"RAY_TMPDIR": stack.enter_context(_folder())}
+        stack.enter_context(_watched(settings.get("RAY_TMPDIR")))  # a start takes seconds
         try:
             with safe_path(), environment_variables(settings):
                 if address is None:
@@ -73,8 +74,7 @@ def connected(address: str | None, cpus: int | None = None, sent_bytes: int = 0)
                 else:
                     _join(ray, address)
             _restore(handler)  # Ray replaces the caller's handler
-            with _watched(settings.get("RAY_TMPDIR")):
-                yield ray
+            yield ray
         finally:
             ray.shutdown()
             _restore(handler)

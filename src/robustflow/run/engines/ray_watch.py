@@ -10,6 +10,7 @@ import os
 import shutil
 import signal
 import sys
+import time
 from contextlib import suppress
 from pathlib import Path
 
@@ -31,9 +32,11 @@ def main(message: str, folder: str = "") -> None:
     """Print the message if standard input closes before a byte arrives."""
     if sys.stdin.buffer.read(1):
         return
-    for number in processes_with_files_in(folder) if folder else ():
-        with suppress(ProcessLookupError):
-            os.kill(number, signal.SIGKILL)
+    while folder and (left := processes_with_files_in(folder)):  # one that is starting may have started another
+        for number in left:
+            with suppress(ProcessLookupError):
+                os.kill(number, signal.SIGKILL)
+        time.sleep(0.1)
     if folder:
         shutil.rmtree(folder, ignore_errors=True)
     sys.exit(message)
