@@ -183,7 +183,7 @@ def test_several_runs_without_ground_truth_are_compared_in_rcre(robustflow, tmp_
     for model in ("dis", "farneback"):
         evaluate(model, "folder", tmp_path, tmp_path / model, **options)
     three = ("compare", "dis", "farneback", "dis")
-    assert robustflow.prints(*three).count(" against ") == 3
+    assert robustflow.prints(*three).count(" against ") == 6  # in RCRE and in photometric error
     robustflow.refusal(f"{' '.join(three)} --metric cre", RunError, "--metric")
     for runs in (three, three[:3]):
         assert "photometric error" in robustflow.prints(*runs, "--metric", "photometric")

@@ -178,5 +178,5 @@ def _photometric_remark(first: str, cubes: Mapping[str, Cube]) -> list[str]:
     known = {name: error for name, error in errors.items() if error is not None}
     if first not in known or (best := min(known, key=lambda name: known[name])) == first:
         return []
-    numbers = f"{known[best]:.2f} against {known[first]:.2f} grey levels"
+    numbers = f"{known[best]:.2f}, not {known[first]:.2f} grey levels"
     return [f"The flow of {plain(best)} explains the frames better (photometric error {numbers})."]
