@@ -11,7 +11,7 @@ from robustflow.api import Result, evaluate
 from robustflow.cli.tables import print_result
 from robustflow.core.errors import UsageError
 from robustflow.corruptions.registry import IMAGE_PAIR, MEMBERS, PAPER_ORDER
-from robustflow.data.benchmarks import outside_remark
+from robustflow.data.benchmarks import benchmark_facts, outside_remark
 from robustflow.data.datasets.split import KITTI_KEYS, kitti_split
 from robustflow.report.leaderboard import by_error
 from robustflow.report.render import FORMATS, render
@@ -22,6 +22,7 @@ from robustflow.report.site.headline import headline_of
 from robustflow.report.tables import ROW, TABLES, figures_of, tables_of
 from robustflow.run.run import Run
 from robustflow.stats.model_result import ranked, run_results
+from robustflow.stats.published.tables import published_frame
 from robustflow.stats.run_results import comparison_note
 from robustflow.testing import ZeroFlow
 from tests.made_rows import change_identity, made_run
@@ -205,6 +206,17 @@ def test_cre_of_a_run_with_gaps_is_the_same_in_tables_and_figures(runs, monkeypa
         ):
             marks = (dict(mark.values) for marks in figures[name].marks.values() for mark in marks if mark.values)
             assert any(values.items() <= shown.items() for shown in marks), name
+
+
+@pytest.mark.parametrize(("epe", "setting", "doubted"), [(0.9, "OOD", True), (1.0, "OOD", False), (0.9, "ID", False)])
+def test_clean_epe_far_below_every_published_ood_result_is_remarked(runs, monkeypatch, epe, setting, doubted):
+    """On fewer pairs than the paper's, the limit is a quarter of the lowest published one."""
+    chosen = {"benchmark": "kitti-fc", "setting": "OOD", "measure": "epe", "condition": "clean"}
+    assert published_frame().filter(**chosen)["value"].min() == benchmark_facts("kitti-fc").lowest_ood_clean_epe == 3.78
+    run = made_run(runs[0], runs[0].rows, benchmark="kitti-fc")
+    monkeypatch.setattr(type(run), "epe_clean", epe)
+    monkeypatch.setattr(type(run), "setting", setting)
+    assert ("3.78 px" in comparison_note(run)) == doubted
 
 
 def test_notes_differ_where_what_was_measured_differs(runs):

@@ -195,8 +195,8 @@ def _table(
 ) -> Table:
     """Tabulate rows of a comparison, by section and label."""
     blow_ups = bool(frame.select(pl.sum_horizontal(*_COUNTS).sum()).item())
-    tests = (Column("difference", "{:+.2f}"), "interval", "ratio", "wins", "p", "p corrected", "blow-ups")
-    columns = (*heads, *tests[: 6 + blow_ups])
+    tests = (Column("difference", "{:+.2f}"), "interval", "ratio", "wins", "p", "blow-ups")
+    columns = (*heads, *tests[: 5 + blow_ups])
     rows = {heading: [_row(*item, blow_ups) for item in of.items()] for heading, of in sections.items()}
     said, note = remarks
     return Table.of(name, title, columns, rows, (said, _BLOW_UPS * blow_ups, note), row_header, keep_empty=True)
@@ -205,13 +205,13 @@ def _table(
 def _row(label: str, row: dict[str, Any], blow_ups: bool) -> Row:
     sure = EVERY[row["measure"]].verdict == "leads" and is_sure(row)
     interval = None if row["low"] is None else f"[{row['low']:+.2f}, {row['high']:+.2f}]"
-    p_values = (None if row[p] is None else p_text(row[p]).removeprefix("= ") for p in ("p", "p_adjusted"))
+    p = None if row["p_adjusted"] is None else p_text(row["p_adjusted"]).removeprefix("= ")
     counts = f"{row['blow_ups_model']}, {row['blow_ups_against']}"
     first = TableCell(f"{row['value_model']:.2f}", sure and row["value"] < 0)
     second = TableCell(f"{row['value_against']:.2f}", sure and row["value"] > 0)
     ratio = None if row["ratio"] is None else f"{row['ratio']:.2f}"
     wins = None if row["wins"] is None else f"{row['wins']}:{row['losses']}"
-    return Row(label, (first, second, row["value"], interval, ratio, wins, *p_values, counts)[: 8 + blow_ups])
+    return Row(label, (first, second, row["value"], interval, ratio, wins, p, counts)[: 7 + blow_ups])
 
 
 def ranked_in_settings(

@@ -67,8 +67,20 @@ def comparison_note(run: Run, beside_published: bool = False) -> str:
         remarks.append("calibrated severities" + (", not the paper's" if facts.published else ""))
     if not run.measured.complete:
         remarks.append("not complete")
-    remarks += [run.provenance.backbone_note, unknown_change(run)]
+    remarks += [run.provenance.backbone_note, _doubtful_training(run), unknown_change(run)]
     return "; ".join(filter(None, remarks))
+
+
+def _doubtful_training(run: Run) -> str:
+    """Return a remark if a model that was not trained on the benchmark, as far as is known, has a clean EPE far below
+    every published one: less than half of it on the paper's pairs, less than a quarter on others."""
+    facts = benchmark_facts(run.benchmark)
+    clean, lowest = run.epe_clean, facts.lowest_ood_clean_epe
+    share = 0.5 if run.measured.samples == facts.paper_pairs else 0.25
+    if clean is None or lowest is None or run.setting not in ("OOD", "UNKNOWN") or clean >= share * lowest:
+        return ""
+    below = f"clean EPE {clean:.2f} px, far below the lowest published OOD result ({lowest:.2f} px)"
+    return f"{below}: these frames may be in its training data"
 
 
 def estimate_of(run: Run) -> str:

@@ -41,6 +41,7 @@ class BenchmarkFacts(Frozen):
             image-pair corruptions or those distributed with the frames.
         severities: available severities of the corruptions.
         paper_pairs: number of pairs in the paper's evaluation; None if the paper does not include the benchmark.
+        lowest_ood_clean_epe: lowest clean EPE in the paper of a model that was not trained on the domain, pixels.
         training_set: name of the training set that contains the frames, see `robustflow.models.provenance`; "" if there
             is none. If `same_domain` is also empty, no model can declare whether it was trained on these frames.
         same_domain: names of training sets of the same domain that contain different frames.
@@ -58,6 +59,7 @@ class BenchmarkFacts(Frozen):
     paper_corruptions: tuple[str, ...] = IMAGE_PAIR
     severities: tuple[int, ...] = SEVERITIES
     paper_pairs: int | None = Field(default=None, ge=1)
+    lowest_ood_clean_epe: float | None = None
     training_set: str = Field(default="", max_length=80)
     same_domain: tuple[str, ...] = ()
     quick: QuickSubset | None = None
@@ -124,7 +126,8 @@ def moving_name(benchmark: str) -> str:
 
 def facts_of_still(facts: BenchmarkFacts) -> BenchmarkFacts:
     title, description = f"{facts.title[:70]}, still", "Every frame paired with itself: any flow is phantom motion."
-    changes = {"title": title, "description": description, "has_flow": True, "published": False, "paper_pairs": None}
+    changes = {"title": title, "description": description, "has_flow": True, "published": False}
+    changes |= {"paper_pairs": None, "lowest_ood_clean_epe": None}
     return facts.model_copy(update=changes)
 
 

@@ -70,6 +70,7 @@ class KittiFC:
         published=True,
         paper_corruptions=IMAGE_PAIR,
         paper_pairs=_PAIRS,
+        lowest_ood_clean_epe=3.78,
         training_set="kitti2015",
         same_domain=("kitti2012", "kitti-raw"),
         quick=QuickSubset(
