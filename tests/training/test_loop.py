@@ -99,25 +99,33 @@ def test_training_killed_at_ten_moments_resumes_to_the_same_weights(request_for,
 
 STARTS_AFTER_ITS_PARENT = """
 import os, sys, time
-if "--multiprocessing-fork" in sys.orig_argv:
-    parent = os.getppid()
-    with open(os.path.join(os.path.dirname(__file__), "starting"), "w") as file:
-        file.write(str(os.getpid()))
-    while os.getppid() == parent:
-        time.sleep(0.01)
+if "forkserver" in " ".join(sys.orig_argv):
+    from multiprocessing import spawn
+    trainer, start = os.getppid(), spawn._main
+    def late(*given):
+        with open(os.path.join(os.path.dirname(__file__), "starting"), "w") as file:
+            file.write(str(os.getpid()))
+        while os.path.exists(f"/proc/{trainer}"):
+            time.sleep(0.01)
+        return start(*given)
+    spawn._main = late
 """
 
 
 @pytest.mark.slow
 def test_a_killed_training_ends_the_loader_process_that_it_was_starting(request_for, tmp_path):
-    """PyTorch's worker looks for a change of parent only after it has imported everything."""
     os.mkfifo(tmp_path / "starting")
+    starting = os.open(tmp_path / "starting", os.O_RDONLY | os.O_NONBLOCK)
     (tmp_path / "sitecustomize.py").write_text(STARTS_AFTER_ITS_PARENT)
     command = training_command(request_for(loaders=1), tmp_path)
     process = subprocess.Popen(command, env=ONE_THREAD | {"PYTHONPATH": str(tmp_path)}, stderr=subprocess.DEVNULL)
-    ended = os.pidfd_open(int((tmp_path / "starting").read_text()))
-    process.kill()
-    process.wait()
+    try:
+        assert select.select([starting], [], [], 120)[0]
+        ended = os.pidfd_open(int(os.read(starting, 20)))
+    finally:
+        process.kill()
+        process.wait()
+        os.close(starting)
     try:
         assert select.select([ended], [], [], 60)[0]
     finally:
