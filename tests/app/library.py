@@ -20,7 +20,7 @@ def direct_numbers(frames, truth, corruption, severity, seed, key, model="dis", 
         "epe": after,
         "epe_clean": before,
         "cre": after - before,
-        "crer": (after - before) / before,
+        "crer": (after - before) / before if before >= 1 / 64 else None,
         "rcre": rcre(flow, clean, truth[1]),
         "fl": 100 * np.mean((errors > 3) & (errors > 0.05 * lengths)),
     }

@@ -103,10 +103,12 @@ def _about_lines(content: Content, board: Table, lines: Sequence[ModelResult]) -
     if (error := first.values.get(("photometric", AVERAGE))) and metric == "rcre":
         number += f" (photometric error {error.text} grey levels)"
     same = f"the same frames of {where}" if len(of_frames) > 1 else where
-    noun = "ranked result" if len(groups) == len(of_frames) else f"ranked {plain(first.setting, 40)} result"
-    lowest = f"Of {counted(len(known), noun)} on {same}, {whose} has the lowest {LABELS[metric]} under corruption"
+    one_setting = len(groups) == len(of_frames)
+    noun = "ranked result" if one_setting else f"ranked {plain(first.setting, 40)} result"
+    who = whose if one_setting else plain(first.name)
+    lowest = f"Of {counted(len(known), noun)} on {same}, {who} has the lowest {LABELS[metric]} under corruption"
     if verdict is None:
-        return f"{lowest}, {number}; these differences are not tested."
+        return f"{lowest}, {number} (differences not tested)."
     fewer = 0 < verdict.tested < len(known)
     tested = f"the next {verdict.tested - 1}, the only ones tested" if fewer else "the others"
     only = f" (of {tested})" if fewer and verdict.kind == "not decided" else ""
