@@ -60,7 +60,7 @@ def start(what: str, whole: Path, output: Path) -> subprocess.Popen[bytes]:
 
 
 def progress(output: Path) -> str:
-    """Return what is kept of a killed run or training."""
+    """Describe how far a killed run or training got."""
     if (output / "metrics.jsonl").exists():
         return f"{len((output / 'metrics.jsonl').read_text().splitlines())} updates"
     with suppress(rf.RobustFlowError):

@@ -49,7 +49,7 @@ _WIDTH, _HEIGHT = 256, 257
 """TIFF tags that store the size of the image."""
 
 _PLANES = 284
-"""TIFF tag that is 2 if each channel has strips of its own."""
+"""TIFF tag that is 2 if each channel is stored in separate strips."""
 
 _TIFF_RATIO = {"raw": 8, "packbits": 64, "tiff_lzw": 4096, "tiff_adobe_deflate": 1032, "tiff_deflate": 1032}
 """Highest ratio of the compressions of TIFF whose decoders need all data."""

@@ -330,7 +330,7 @@ def _interval(measure: Measure, one: Scores, other: Scores) -> dict[str, Any]:
 
 def _values(joint: Joint, measure: Measure, at: Scope) -> tuple[list[float] | None, list[Scores] | None]:
     """Return the value of each model over the images of all, None unless all have one, and what each cluster adds to
-    it. What clusters add to ratios is what is left of them after the mean of all, to first order."""
+    it; for ratios, what each cluster adds to the difference from the mean ratio of all models, to first order."""
     if isinstance(measure, Ratio):
         below, above = joint.clean_scores(measure.below), joint.scores(measure.above, *at)
         if above is None or below is None:

@@ -101,7 +101,7 @@ PSF = {
     4: (-0.633, 1.026, 1.123, 1.023),
     5: (-0.446, 1.007, 1.002, 0.997),
 }
-"""Measured differences from the reference, whose lenses are others: PSNR in dB, and ratios of the gradients, DIS's CRE
+"""Measured differences from the reference, whose lenses differ: PSNR in dB, and ratios of the gradients, DIS's CRE
 and Farneback's. Both signs occur: over the severities, the CRE of DIS is 2 % lower, Farneback's 4 % higher."""
 
 
