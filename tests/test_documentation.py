@@ -63,6 +63,16 @@ def test_every_source_file_that_a_page_names_exists():
     assert not [each for each in named if not any((top / each[1]).is_file() for top in SOURCES)]
 
 
+def test_every_link_of_a_committed_page_leads_to_a_committed_file():
+    links = [
+        (path, target)
+        for path in [*DOCS.rglob("*.md"), *ROOT.glob("*.md")]
+        for target in re.findall(r"\]\(([^)#:\s]+)(?:#[^)]*)?\)", path.read_text())
+    ]
+    assert len(links) > 50
+    assert not [f"{path.name}: {target}" for path, target in links if not (path.parent / target).exists()]
+
+
 def test_bold_text_begins_with_two_asterisks_not_three():
     """Three asterisks open an emphasis that two do not close, so one asterisk is printed."""
     texts = {path: path.read_text() for path in [*DOCS.rglob("*.md"), *ROOT.glob("*.md")]}

@@ -8,6 +8,7 @@ every public Python name is in the reference, and no page loads anything from a 
 from __future__ import annotations
 
 import html
+import posixpath
 import re
 import sys
 import zlib
@@ -25,7 +26,21 @@ from mkdocs.structure.files import File, Files  # noqa: E402
 
 log = getLogger("mkdocs.hooks.site")
 
+SHOWN_ON = {
+    "src/robustflow/metrics/rows.py": "reference/rows.md",
+    "src/robustflow/run/summary.py": "reference/summary.md",
+    "src/robustflow/run/manifest.py": "reference/manifest.md",
+    "src/robustflow/run/records/format.py": "reference/record.md",
+    "src/robustflow/models/catalog": "reference/catalogue.md",
+    "src/robustflow/corruptions": "corruptions/index.md",
+    "src/robustflow/cli": "reference/cli/index.md",
+    "docs/notebooks/own-model.ipynb": "tutorials/own-model.md",
+    "docs/notebooks/reading-a-run.ipynb": "tutorials/reading-a-run.md",
+}
+"""The generated page for each committed file that pages link to, so that no link is dead in the repository."""
+
 _PARTS = (corruptions, commands, formats, catalogue, notebooks, project)
+_LINK = re.compile(r"\]\(([^)#:\s]+)\)")
 _FORMULA = re.compile(r'<(span|div) class="arithmatex">(?:\\\(|\\\[)(.*?)(?:\\\)|\\\])</\1>', re.DOTALL)
 _FROM_ELSEWHERE = re.compile(
     r"<(?:script|img|iframe|link)\b[^>]*\b(?:src|href)=\"?(?:https?:)?//[^\s>]*", re.IGNORECASE
@@ -54,6 +69,17 @@ def on_files(files: Files, config: Any) -> Files:
         for path, content in part.files().items():
             files.append(File.generated(config, path, content=content))
     return files
+
+
+def on_page_markdown(markdown: str, page: Any, **_: Any) -> str:
+    """Lead links to committed files to the pages that are generated from them."""
+    folder = posixpath.dirname(page.file.src_uri)
+
+    def led(match: re.Match[str]) -> str:
+        shown = SHOWN_ON.get(posixpath.normpath(posixpath.join("docs", folder, match[1])))
+        return match[0] if shown is None else f"]({posixpath.relpath(shown, folder or '.')})"
+
+    return _LINK.sub(led, markdown)
 
 
 def on_page_content(content: str, **_: Any) -> str:

@@ -30,7 +30,7 @@ app = typer.Typer(no_args_is_help=True)
 def gopro_fc(
     context: typer.Context,
     data: Annotated[
-        Path, Option("--data", "-d", help="GoPro_Large_all, a video file, a folder of frames, or a folder of these.")
+        Path, Option("--data", "-d", help="GOPRO_Large_all, a video file, a folder of frames, or a folder of these.")
     ],
     output: Annotated[Path, Option("--output", "-o", help="Folder for masters and key frames.")],
     fps: Annotated[str | None, Option(help="Frames per second; 240 for GoPro; a video states its own.")] = None,
@@ -49,7 +49,7 @@ def gopro_fc(
 
     \b
     Examples:
-      robustflow prepare gopro-fc -d GoPro_Large_all -o gopro-fc --interpolator flavr --checkpoint FLAVR_4x.pth
+      robustflow prepare gopro-fc -d GOPRO_Large_all -o gopro-fc --interpolator flavr --checkpoint FLAVR_4x.pth
       robustflow prepare gopro-fc -d clip.mp4 -o mine --interpolator flow
       robustflow prepare gopro-fc -d /shared/GoPro -o /shared/gopro-fc --interpolator flow --engine ray --address auto
     """

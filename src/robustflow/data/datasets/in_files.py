@@ -5,7 +5,7 @@ FlyingThings3D's subset without the most extreme scenes has no flow for the last
 every frame. Middlebury's Beanbags, DogDance, MiniCooper and Walking have no flow. GoPro has no flow, and two layouts:
 
     test/GOPR0384_11_00/sharp/000001.png ...    (GoPro_Large: blur, blur_gamma, sharp)
-    test/GOPR0384_11_00/000001.png ...          (GoPro_Large_all: the camera's 240 frames per second)
+    test/GOPR0384_11_00/000001.png ...          (GOPRO_Large_all: the camera's 240 frames per second)
 """
 
 from __future__ import annotations

@@ -120,7 +120,7 @@ def _sequence(data: Path, name: str) -> Path | None:
 
 def _camera(folder: Path, name: str) -> PictureFolder:
     if not images_in(folder) and any((folder / kind).is_dir() for kind in ("sharp", "blur")):
-        raise DataError(folder, "GoPro_Large lacks frames; GoPro-FC needs GoPro_Large_all, at 240 frames per second")
+        raise DataError(folder, "GoPro_Large lacks frames; GoPro-FC needs GOPRO_Large_all, at 240 frames per second")
     source = PictureFolder(folder, name)
     source.fps = CAMERA_FPS
     return source
