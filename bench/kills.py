@@ -1,6 +1,7 @@
-"""Kill a run with each engine, and a training, at random moments (SIGKILL), continue them, and compare their files with
-those of an undisturbed one: rows and summary, or checkpoint and log. Print a line per kill, with the processes that
-outlive it by 10 s, and then a line per engine, with the folders that are left in the folder for temporary files.
+"""Kill a run with each engine, and a training, twice (SIGKILL), continue them, and compare their files with those of an
+undisturbed one: rows and summary, or checkpoint and log. Each kill waits for a random one of the rows or updates that
+are still missing. Print a line per kill, with the processes that outlive it by 10 s, and then a line per engine, with
+the folders that are left in the folder for temporary files.
 
     python bench/kills.py [serial processes device ray training] --kills 20
 """
@@ -20,6 +21,7 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+import polars as pl
 
 import robustflow as rf
 
@@ -33,6 +35,7 @@ WHAT = {
     "ray": [*RUN, "--engine", "ray", "--workers", "2"],
     "training": [*TRAIN, "--loaders", "2"],
 }
+STEPS = dict.fromkeys(WHAT, "rows") | {"training": "updates"}
 
 
 class Slow:
@@ -59,13 +62,27 @@ def start(what: str, whole: Path, output: Path) -> subprocess.Popen[bytes]:
         return subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=errors, env={**os.environ, **own})
 
 
-def progress(output: Path) -> str:
-    """Describe how far a killed run or training got."""
-    if (output / "metrics.jsonl").exists():
-        return f"{len((output / 'metrics.jsonl').read_text().splitlines())} updates"
-    with suppress(rf.RobustFlowError):
-        return f"{rf.load_run(output).rows.height} rows"
-    return "nothing"
+def progress(output: Path) -> int:
+    """Return the number of rows of a run, or of updates of a training."""
+    with suppress(OSError, pl.exceptions.PolarsError):  # shards are packed meanwhile
+        if shards := list(output.glob("rows/*.parquet")):
+            return (
+                pl.scan_parquet(shards)
+                .select(pl.struct("sample", "corruption", "severity").n_unique())
+                .collect()
+                .item()
+            )
+        return len((output / "metrics.jsonl").read_text().splitlines())
+    return 0
+
+
+def reached(process: subprocess.Popen[bytes], output: Path, wanted: int) -> bool:
+    """Wait until a run has a number of rows, or a training of updates; return False if it ended before that."""
+    while progress(output) < wanted:
+        if process.poll() is not None:
+            return False
+        time.sleep(0.01)
+    return True
 
 
 def outcome(output: Path) -> tuple[object, bytes]:
@@ -107,38 +124,39 @@ def kill(what: str, wanted: int, whole: Path) -> None:
     (whole / "t").mkdir()
     (whole / "frames").mkdir()
     texture = np.kron(np.random.default_rng(0).integers(0, 256, (20, 24, 3), np.uint8), np.ones((4, 4, 1), np.uint8))
-    for number in range(3):
+    for number in range(4):
         cv2.imwrite(str(whole / f"frames/{number}.png"), texture[:64, 2 * number : 2 * number + 80])
-    began = time.monotonic()
-    finished(start(what, whole, whole / "undisturbed"), whole)
-    length, moments, undisturbed = time.monotonic() - began, random.Random(1), outcome(whole / "undisturbed")
-    print(f"{what}: undisturbed {length:.1f} s, {progress(whole / 'undisturbed')}", flush=True)
-    kills = ends = first_differ = second_differ = processes = 0
-    last = False
-    while not last:
-        last = kills == wanted
+    process = start(what, whole, whole / "undisturbed")
+    reached(process, whole / "undisturbed", 1)
+    first = time.monotonic()
+    finished(process, whole)
+    total, moments, undisturbed = progress(whole / "undisturbed"), random.Random(1), outcome(whole / "undisturbed")
+    step = (time.monotonic() - first) / total
+    print(f"{what}: undisturbed, {total} {STEPS[what]}", flush=True)
+    kills = between = ends = first_differ = second_differ = processes = 0
+    while kills < wanted:
         output = whole / str(ends)
-        began, process = time.monotonic(), start(what, whole, output)
-        if not last:
-            try:
-                process.wait(moments.uniform(0.3, 1.0) * length)
-            except subprocess.TimeoutExpired:
-                process.kill()
-                process.wait()
-                kills += 1
-                left = left_over(str(whole))
-                processes += len(left)
-                print(f"{what}: kill {kills}, kept {progress(output)}, processes left {left}", flush=True)
-                continue
-        finished(process, whole)
-        length = min(length, time.monotonic() - began)  # the first run may have been slowed by other work
+        for _ in range(2):
+            process = start(what, whole, output)
+            if not reached(process, output, moments.randint(min(progress(output) + 1, total), total)):
+                break
+            time.sleep(moments.uniform(0, step))
+            process.kill()
+            if process.wait() == 0:
+                break
+            kills, kept, left = kills + 1, progress(output), left_over(str(whole))
+            between += 0 < kept < total
+            processes += len(left)
+            print(f"{what}: kill {kills}, kept {kept} of {total} {STEPS[what]}, processes left {left}", flush=True)
+        finished(start(what, whole, output), whole)
         logs, files = (a != b for a, b in zip(outcome(output), undisturbed, strict=True))
         ends, first_differ, second_differ = ends + 1, first_differ + logs, second_differ + files
         print(f"{what}: end {ends}, differs {logs}, {files}", flush=True)
     folders = sorted(path.name.split("-")[0] for path in (whole / "t").iterdir())
     names = ("logs", "checkpoints") if what == "training" else ("rows", "summaries")
     print(
-        f"{what}: {kills} kills, {ends} ends, {first_differ} {names[0]} and {second_differ} {names[1]} differ, "
+        f"{what}: {kills} kills, {between} of them between the first and the last of the {STEPS[what]}, {ends} ends, "
+        f"{first_differ} {names[0]} and {second_differ} {names[1]} differ, "
         f"{processes} processes and {len(folders)} folders left ({', '.join(sorted(set(folders)))})",
         flush=True,
     )

@@ -183,3 +183,28 @@ def test_a_hanging_child_ends_when_its_parent_is_killed(tmp_path, how):
     finally:
         if is_running(child):
             os.kill(child, signal.SIGKILL)
+
+
+def test_the_files_of_a_killed_process_are_removed_by_the_next_one_and_those_of_a_living_one_are_not(tmp_path):
+    script = tmp_path / "script.py"
+    script.write_text(HANGING)
+    temporary = tmp_path / "t"
+    temporary.mkdir()
+
+    def start() -> subprocess.Popen[str]:
+        command, environment = [sys.executable, str(script), "sleeps"], os.environ | {"TMPDIR": str(temporary)}
+        process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=environment)
+        assert process.stdout.readline()
+        return process
+
+    living = start()
+    (used,) = temporary.iterdir()
+    killed = start()
+    (abandoned,) = {*temporary.iterdir()} - {used}
+    killed.kill()
+    killed.wait()
+    assert abandoned.is_dir()
+    assert files_of_children(tmp_path, temporary=temporary)
+    assert [*temporary.iterdir()] == [used]
+    living.kill()
+    living.wait()

@@ -184,31 +184,6 @@ def _descriptors(pid: int) -> list[Path]:
     return []
 
 
-FOLDER = """
-import time
-from robustflow.run.engines.ray_cluster import _folder
-with _folder() as folder:
-    print(folder, flush=True)
-    time.sleep(600)
-"""
-
-
-def test_the_folder_of_a_killed_run_is_removed_by_the_next_one(tmp_path):
-    def start() -> tuple[subprocess.Popen[str], Path]:
-        process = subprocess.Popen([sys.executable, "-c", FOLDER], stdout=subprocess.PIPE, text=True)
-        return process, Path(process.stdout.readline().strip())
-
-    (killed, abandoned), (alive, used) = start(), start()
-    killed.kill()
-    killed.wait()
-    assert abandoned.is_dir()
-    last, folder = start()
-    assert {path.name for path in folder.parent.iterdir()} == {used.name, folder.name}
-    for process in (alive, last):
-        process.kill()
-        process.wait()
-
-
 def _start(folder: Path, *options: str, **variables: str) -> subprocess.Popen[str]:
     engine = ["--engine", "ray", "--workers", "2", "--corruptions", ",".join(FAST)]
     return start_run(folder, "Faulty", "-O", "pause=0.2", *engine, *options, **variables)

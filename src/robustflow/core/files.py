@@ -1,15 +1,19 @@
 """Files and their digests: atomic writing (a reader sees the old file, the complete new file, or no file), reading of
-limited size, hashes of bytes, files and JSON values, content stored with its digest, and the user's cache.
+limited size, hashes of bytes, files and JSON values, content stored with its digest, folders for temporary files, and
+the user's cache.
 """
 
 from __future__ import annotations
 
+import fcntl
 import hashlib
 import json
 import os
 import secrets
-from collections.abc import Callable, Mapping
-from contextlib import suppress
+import shutil
+import tempfile
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -194,6 +198,34 @@ def unsealed_bytes(data: bytes, made_of: str) -> bytes | None:
 
 def _digest(data: bytes, made_of: str) -> bytes:
     return bytes.fromhex(digest_of_bytes(made_of.encode(), b"\0", data, size=_DIGEST_BYTES))
+
+
+@contextmanager
+def scratch_folder(parent: str) -> Iterator[str]:
+    """Create a folder for temporary files, and remove it at the end. It is locked as long as this process lives;
+    folders of processes that were killed, which are not, are removed now."""
+    for abandoned in Path(parent).glob("rf-*"):
+        with suppress(OSError), _locked(abandoned):
+            shutil.rmtree(abandoned, ignore_errors=True)
+    new = tempfile.mkdtemp(prefix=".rf-", dir=parent)
+    with _locked(Path(new)):
+        folder = os.path.join(parent, os.path.basename(new).removeprefix("."))
+        os.rename(new, folder)  # not before it is locked
+        try:
+            yield folder
+        finally:
+            shutil.rmtree(folder, ignore_errors=True)
+
+
+@contextmanager
+def _locked(folder: Path) -> Iterator[None]:
+    """Lock a folder within the block, or raise an `OSError`."""
+    descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW)
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        yield
+    finally:
+        os.close(descriptor)
 
 
 CACHE_VARIABLE = "ROBUSTFLOW_CACHE"

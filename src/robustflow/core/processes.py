@@ -16,11 +16,12 @@ import multiprocessing
 import os
 import signal
 import sys
+import tempfile
 import threading
 import traceback
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, nullcontext, suppress
+from contextlib import ExitStack, contextmanager, nullcontext, suppress
 from multiprocessing import forkserver, resource_tracker
 from multiprocessing.connection import Connection
 from multiprocessing.context import ForkServerContext, SpawnContext
@@ -33,6 +34,7 @@ from typing import Any, TypeVar
 from . import errors
 from .display import ignore_local_settings
 from .errors import RobustFlowError, RunError, UsageError
+from .files import scratch_folder
 
 T = TypeVar("T")
 
@@ -230,12 +232,24 @@ def _context() -> ForkServerContext | SpawnContext:
         # no socket can have a long path, and a forked process cannot use the server of its parent
         with suppress(OSError), environment_variables({"PYTHONPATH": search}):
             if not _server_environment:
-                forkserver.ensure_running()
+                _start_server()
                 _server_environment.update(now)
             if now == _server_environment:
                 forkserver.ensure_running()
                 return context
     return multiprocessing.get_context("spawn")
+
+
+def _start_server() -> None:
+    """Start the process that forks children, with its socket in a folder that outlives this process only until the next
+    command."""
+    scratch, usual = ExitStack(), tempfile.tempdir
+    Finalize(None, scratch.close, exitpriority=-101)  # after that of `multiprocessing`, which removes the socket
+    tempfile.tempdir = scratch.enter_context(scratch_folder(tempfile.gettempdir()))
+    try:
+        forkserver.ensure_running()
+    finally:
+        tempfile.tempdir = usual
 
 
 def _end(process: BaseProcess, pipe: Connection, lifeline: Connection) -> None:

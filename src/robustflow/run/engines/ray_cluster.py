@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import fcntl
 import logging
 import os
-import shutil
 import signal
 import socket
 import subprocess
@@ -13,10 +11,10 @@ import sys
 import tempfile
 from collections.abc import Iterable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
-from pathlib import Path
 from typing import Any
 
 from ...core.errors import RobustFlowError, RunError, UsageError
+from ...core.files import scratch_folder
 from ...core.plugins import require
 from ...core.processes import environment_variables, safe_path
 from . import ray_watch
@@ -63,9 +61,11 @@ def connected(address: str | None, cpus: int | None = None, sent_bytes: int = 0)
     level = logger.level
     # there is no option to turn off messages about lost actors, which Ray prints to standard output, among our tables
     ray._private.worker._worker_logs_enabled = False
+    usual = tempfile.gettempdir()
     with ExitStack() as stack:
         if address is None:
-            settings |= _LOCAL | {"RAY_TMPDIR": stack.enter_context(_folder())}
+            folder = stack.enter_context(scratch_folder(usual if len(usual) <= _LONGEST_TMP else "/tmp"))
+            settings |= _LOCAL | {"RAY_TMPDIR": folder}
         stack.enter_context(_watched(settings.get("RAY_TMPDIR")))  # a start takes seconds
         try:
             with safe_path(), environment_variables(settings):
@@ -80,36 +80,6 @@ def connected(address: str | None, cpus: int | None = None, sent_bytes: int = 0)
             _restore(handler)
             logger.setLevel(level)
             ray._private.worker._worker_logs_enabled = True
-
-
-@contextmanager
-def _folder() -> Iterator[str]:
-    """Create a folder for the files of a local cluster, and remove it at the end. It is locked as long as this process
-    lives; folders of runs that were killed, which are not, are removed now."""
-    usual = tempfile.gettempdir()
-    parent = usual if len(usual) <= _LONGEST_TMP else "/tmp"
-    for abandoned in Path(parent).glob("rf-ray-*"):
-        with suppress(OSError), _locked(abandoned):
-            shutil.rmtree(abandoned, ignore_errors=True)
-    new = tempfile.mkdtemp(prefix="rf-new-", dir=parent)
-    with _locked(Path(new)):
-        folder = os.path.join(parent, os.path.basename(new).replace("new", "ray", 1))
-        os.rename(new, folder)  # not before it is locked
-        try:
-            yield folder
-        finally:
-            shutil.rmtree(folder, ignore_errors=True)
-
-
-@contextmanager
-def _locked(folder: Path) -> Iterator[None]:
-    """Lock a folder within the block, or raise an `OSError`."""
-    descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW)
-    try:
-        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        yield
-    finally:
-        os.close(descriptor)
 
 
 def _start(ray: Any, cpus: int | None, sent_bytes: int) -> None:
