@@ -104,7 +104,7 @@ def test_the_checkpoint_of_a_network_that_holds_a_module_under_two_names_resumes
     assert torch.equal(content["model"]["backbone.weight"], layer.weight)
 
 
-@pytest.mark.parametrize("name", ["validation", "metrics.jsonl", "last.pth"])
+@pytest.mark.parametrize("name", ["metrics.jsonl", "last.pth"])
 def test_a_link_in_the_folder_of_a_training_is_refused(request_for, tmp_path, name):
     request = request_for()
     request.output.mkdir(parents=True)

@@ -27,7 +27,6 @@ from robustflow.core.errors import DataError, ModelError, RunError, UsageError  
 from robustflow.data.benchmarks.setting import setting_of  # noqa: E402
 from robustflow.models.torch.model import TorchvisionRaft  # noqa: E402
 from robustflow.run.plan import name_model  # noqa: E402
-from robustflow.run.run import Run  # noqa: E402
 from robustflow.training import session  # noqa: E402
 from robustflow.training.checkpoint import read_progress  # noqa: E402
 from robustflow.training.networks import load_network  # noqa: E402
@@ -261,16 +260,19 @@ def test_processes_wait_for_each_other_as_long_as_a_validation_may_take(monkeypa
         assert joined["timeout"] > timedelta(hours=12)
 
 
-def test_validation_is_a_separate_run_and_the_best_weights_are_stored(request_for, chairs):
-    validation = Validation("flyingchairs", chairs / "FlyingChairs_release", every=2, corruptions=["contrast"], limit=1)
-    request = request_for(steps=3, validation=validation, iterations=1)
+def test_validation_has_the_numbers_of_a_run_and_the_best_weights_are_stored(request_for, chairs, tmp_path):
+    data = chairs / "FlyingChairs_release"
+    validation = Validation("flyingchairs", data, every=2, corruptions=["contrast"], limit=2)
+    request = request_for(steps=3, validation=validation, iterations=1, checkpoints=Checkpoints(2, keep_every=1))
     run_training(request)
     entries = [entry for entry in lines(request.output) if "validation_epe" in entry]
     assert [entry["update"] for entry in entries] == [1, 2]  # after two updates, and at the end
-    for entry in entries:
-        run = Run(request.output / "validation" / f"update-{entry['update'] + 1}")
-        assert run.epe_clean == entry["validation_epe"]
-        assert run.cre == entry["validation_cre"]
+    entry, weights_of_update = entries[0], request.output / "update-2.pth"
+    model = rf.load_model("raft_small", checkpoint=str(weights_of_update), device="cpu", iterations=1)
+    run = rf.evaluate(model, "flyingchairs", data, tmp_path / "run", corruptions=["contrast"], limit=2, progress=False)
+    assert {"epe": run.epe_clean, "cre": run.cre, "rcre": run.rcre} == {
+        name: entry[f"validation_{name}"] for name in ("epe", "cre", "rcre")
+    }
     assert (request.output / "best.pth").exists()
 
 
@@ -280,7 +282,7 @@ def scored(monkeypatch):
     benchmark is "fails"; the data of a validation identify its pairs."""
     validated = []
 
-    def validator(model, folder, validation):
+    def validator(model, validation):
         def validate(updates):
             if validation.benchmark == "fails":
                 raise DataError("the benchmark is gone")

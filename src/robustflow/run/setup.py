@@ -31,7 +31,7 @@ from .source import RunSource
 
 
 def set_up(
-    model: str | Path | ModelSpec | AnyModel | Callable[..., Any],
+    model: str | Path | ModelSpec | NamedModel | AnyModel | Callable[..., Any],
     benchmark: Benchmark,
     config: RunConfig = DEFAULTS,
 ) -> Plan:
@@ -42,7 +42,7 @@ def set_up(
             load_corruption(corruption, frames.variant, frames.severity_scale)
     if benchmark.closed and frames.severity_scale != "paper":
         raise UsageError("--severity-scale", "these frames were corrupted beforehand; omit it")
-    named = name_model(model)
+    named = model if isinstance(model, NamedModel) else name_model(model)
     if is_still(benchmark.name) and isinstance(named.model, FlowLookup):
         raise UsageError("--still", "flow files cannot be used with it; choose a model that predicts")
     check_confidence(measuring.confidence, named.model)

@@ -63,7 +63,7 @@ def run_training(request: Request, stop: Callable[[], bool] = lambda: False) -> 
             folder=folder,
             trained_on=_trained_on(done.identity["start_trained_on"], parts),
             pairs=pairs,
-            validate=validator(model, folder, request.validation) if request.validation else None,
+            validate=validator(model, request.validation) if request.validation else None,
             stop=stop,
         )
         with _locked(folder) if process.rank == 0 else nullcontext():
@@ -92,7 +92,7 @@ def _locked(folder: Path) -> Iterator[None]:
 
 def _last_checkpoint(folder: Path, request: Request) -> tuple[dict[str, Any] | None, TrainingProgress | None]:
     """Return the last checkpoint's content if training is resumed."""
-    refuse_links(folder, "validation", "tensorboard")
+    refuse_links(folder, "tensorboard")
     if request.resume:
         return read_progress(folder / LAST)
     if (folder / LAST).exists():
