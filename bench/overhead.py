@@ -41,6 +41,7 @@ if __name__ == "__main__":
     from robustflow.data.datasets import load_dataset
     from robustflow.metrics.rows import CLEAN
     from robustflow.models import ModelSpec
+    from robustflow.run.computation import Computation
     from robustflow.run.compute_missing import compute_missing
     from robustflow.run.config import Compute, RunConfig
     from robustflow.run.engines.choose import choose_engine
@@ -48,7 +49,6 @@ if __name__ == "__main__":
     from robustflow.run.setup import set_up
     from robustflow.run.stages import Seconds
     from robustflow.run.store import RunFolder
-    from robustflow.run.worker import Computation
     from robustflow.testing import TexturePairs
 
 SEVERITIES = (1, 2, 3, 4, 5)

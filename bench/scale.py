@@ -29,6 +29,7 @@ from robustflow.corruptions.registry import PAPER_ORDER
 from robustflow.data.benchmarks.base import Benchmark
 from robustflow.metrics.regions import Regions
 from robustflow.metrics.rows import CLEAN, measure
+from robustflow.run.computation import FinishedUnit
 from robustflow.run.compute_missing import compute_missing
 from robustflow.run.engines.base import Engine, Schedule
 from robustflow.run.plan import Job, Unit
@@ -36,7 +37,6 @@ from robustflow.run.run import Run
 from robustflow.run.setup import set_up
 from robustflow.run.stages import frames_digest
 from robustflow.run.store import RunFolder, list_shards
-from robustflow.run.worker import FinishedUnit
 
 CORRUPTIONS = PAPER_ORDER[:20]
 STEPS = ("drive", "resume", "resume again", "summary", "show", "report")

@@ -30,6 +30,7 @@ from ..metrics.photometric import Misread, Reading
 from ..metrics.rows import CLEAN
 from ..models.provenance import UNDECLARED
 from .cells import merged_levels, union
+from .computation import OF_TRUTH, FinishedUnit
 from .data_files import check_listed, file_digests, files_of_sample
 from .engines.base import Engine
 from .identity import Environment, difference, environment, versions_in_words
@@ -38,7 +39,7 @@ from .plan import Plan
 from .progress import Progress, TerminalProgress
 from .store import RunFolder
 from .trust import COMPARED
-from .worker import OF_TRUTH, FinishedUnit, temporary_worker
+from .worker import temporary_worker
 
 _ELSEWHERE = "choose another folder with --output"
 

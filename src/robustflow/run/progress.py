@@ -12,7 +12,7 @@ from rich.console import Console
 from ..core.display import ProgressBar
 from ..core.errors import UsageError
 from ..core.text import counted, plain
-from .worker import FinishedUnit
+from .computation import FinishedUnit
 
 DRAWN = ("worst example", "median example", "severity slider", "page")
 """What is drawn after the numbers of a run are known, in this order."""

@@ -62,7 +62,7 @@ def recheck(
     problems: list[tuple[str, str]] = []
     with temporary_worker(replace(plan.job(), measuring=measuring)) as worker:
         for row in chosen.iter_rows(named=True):
-            (now,) = worker.run(Unit(row["sample"], row["corruption"], (row["severity"],)))
+            (now,) = worker.run(Unit(row["sample"], row["corruption"], (row["severity"],))).rows
             if what := row_difference(row, now, model=model is not None, pixels=TOLERANCE_PX):
                 problems.append((describe_cell(row["sample"], row["corruption"], row["severity"]), what))
     if problems:

@@ -1,6 +1,5 @@
-"""Two of the three stages of a cell: prepare its frames, and predict their flow. The third, measuring, is in `worker`,
-which runs all of them in sequence; with a model on an accelerator, the stages run in different processes.
-"""
+"""Two of the three stages of a cell: prepare its frames, and predict their flow. The third, measuring, is in
+`computation`, which runs all of them in sequence."""
 
 from __future__ import annotations
 
@@ -44,6 +43,7 @@ from ..models.confidence import (
     OF_MODEL,
     Answer,
     ConfidentModel,
+    flow_of,
     predict_with_confidence_checked,
     with_back,
     with_spread,
@@ -93,6 +93,13 @@ class OpenSample:
     regions: Regions | None
     clean: Answer | None = None
     """The answer to the clean frames, once it is known."""
+    requested: bool = False
+    """Whether the clean flow is known or has been requested."""
+
+    @property
+    def clean_flow(self) -> Flow:
+        assert self.clean is not None
+        return flow_of(self.clean)
 
 
 @dataclass(frozen=True)

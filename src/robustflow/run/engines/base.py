@@ -13,8 +13,8 @@ from ...core.errors import UsageError, class_and_message
 from ...core.plugins import called
 from ...core.processes import user_script
 from ...metrics.rows import CLEAN
+from ..computation import FinishedUnit
 from ..plan import Job, Unit
-from ..worker import FinishedUnit
 
 FinishedUnits = Generator[FinishedUnit, None, None]
 """Finished units in the order in which they are computed; closing it ends the engine."""

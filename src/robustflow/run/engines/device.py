@@ -10,10 +10,11 @@ from __future__ import annotations
 import mmap
 import os
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field, replace
-from multiprocessing.connection import Connection, wait
+from dataclasses import dataclass, replace
+from multiprocessing.connection import Connection
+from multiprocessing.connection import wait as wait_for
 from multiprocessing.reduction import DupFd
 from typing import Any
 
@@ -24,9 +25,9 @@ from ...metrics.rows import CLEAN
 from ...models.base import describe_cell
 from ...models.confidence import CHANNELS, Answer
 from ..cells import Cell
+from ..computation import Answered, Computation, FinishedUnit, Place, Task, compute_units
 from ..plan import Job, NamedModel, Unit
 from ..stages import PredictionRequest, PredictStage, Seconds, timed
-from ..worker import Computation, Steps
 from .base import unpickled
 
 BATCHES_PER_FEEDER = 4
@@ -93,7 +94,7 @@ def predict_forever(driver: Connection, sent: bytes, confidence: str | None, lin
     batches = dict(links)
     waiting: deque[tuple[Connection, int, list[SharedRequest]]] = deque()
     while True:
-        for ready in wait([driver, *batches], timeout=0 if waiting else None):
+        for ready in wait_for([driver, *batches], timeout=0 if waiting else None):
             assert isinstance(ready, Connection)
             if ready is driver:
                 driver.recv()  # raises EOFError, because the other end sends nothing before it closes
@@ -121,82 +122,57 @@ def _answer(stage: PredictStage, batch: SharedBatch, requests: list[SharedReques
     return seconds
 
 
-@dataclass(eq=False)
-class _Running:
-    """A unit, and the flows that its computation is waiting for."""
-
-    unit: Unit
-    steps: Steps[list[dict[str, Any]]]
-    answers: dict[Cell, Answer | None] = field(default_factory=dict)
-    """The requested cells in order, with the answers that have arrived; empty if the next step can be taken."""
-    finished: int = 0
-    """Number of cells that have been measured."""
-
-
 def feed_forever(driver: Connection, sent: bytes, device: Connection, batches: list[SharedBatch]) -> None:
     """Corrupt and measure cells until the driver ends this process; the main function of a feeder."""
-    feeder = Feeder(driver, unpickled(sent), device, batches)
-    while True:
-        feeder.step()
+    job: Job = unpickled(sent)
+    seconds = Seconds(float)
+    compute_units(Computation(job, seconds), Feeder(driver, job, seconds, device, batches))
 
 
-class Feeder:
-    """The units of a feeder, and the batches whose flows it is waiting for."""
+class Feeder(Place):
+    """Flows are predicted in another process, in batches of one sample."""
 
-    def __init__(self, driver: Connection, job: Job, device: Connection, batches: list[SharedBatch]) -> None:
+    def __init__(
+        self, driver: Connection, job: Job, seconds: Seconds, device: Connection, batches: list[SharedBatch]
+    ) -> None:
         self._driver, self._device, self._batches = driver, device, batches
         self._batch_size = job.batch_size
         self._channels = 3 if job.measuring.draws > 1 else CHANNELS[job.measuring.confidence]
-        self._seconds = Seconds(float)
-        self._computation = Computation(job, self._seconds)
-        self._units: list[_Running] = []
+        self._seconds = seconds
         self._free = deque(range(len(batches)))
-        self._filling: list[tuple[_Running, SharedRequest]] = []
+        self._filling: list[tuple[Task, SharedRequest]] = []
         """The batch that is being filled, in the first of the free places."""
-        self._in_flight: deque[tuple[int, list[tuple[_Running, SharedRequest]]]] = deque()
+        self._in_flight: deque[tuple[int, list[tuple[Task, SharedRequest]]]] = deque()
+        self._answers: dict[Task, dict[Cell, Answer | None]] = {}
+        """The requested cells of each task in order, with the answers that have arrived."""
 
-    def step(self) -> None:
-        """Process messages that have arrived; otherwise prepare the frames of one unit; otherwise wait."""
-        running = self._next_unit() if len(self._free) > 1 else None
-        if running is None and not self._in_flight:
+    def has_room(self) -> bool:
+        return len(self._free) > 1
+
+    def receive(self, wait: bool) -> Iterator[Unit | Answered]:
+        if wait and not self._in_flight:
             self._send()
-        for ready in wait([self._device, self._driver], timeout=None if running is None else 0):
+        for ready in wait_for([self._device, self._driver], timeout=None if wait else 0):
             if ready is self._driver:
-                unit: Unit = self._driver.recv()
-                self._units.append(_Running(unit, self._computation.rows(unit)))
+                yield self._driver.recv()
             else:
-                self._receive()
-            return
-        if running is not None:
-            unit = running.unit
-            self._driver.send(("doing", describe_cell(unit.key, unit.corruption, *unit.severities)))
-            self._continue(running)
+                yield from self._receive_flows()
 
-    def _next_unit(self) -> _Running | None:
-        """Return the next unit that waits for no flow: of the oldest sample, each in turn."""
-        waiting = [one for one in self._units if not one.answers]
-        of_sample = [one for one in waiting if one.unit.key == waiting[0].unit.key]
-        return min(of_sample, key=lambda one: one.finished, default=None)
+    def prepare(self, unit: Unit) -> None:
+        self._driver.send(("doing", describe_cell(unit.key, unit.corruption, *unit.severities)))
 
-    def _continue(self, running: _Running) -> None:
-        """Take the next step of a unit: request flows, or measure those that have arrived and send its rows."""
-        answers = [answer for answer in running.answers.values() if answer is not None]
-        running.answers, running.finished = {}, running.finished + len(answers)
-        try:
-            requests = running.steps.send(answers) if answers else next(running.steps)
-        except StopIteration as end:
-            self._driver.send(("rows", self._computation.finished(running.unit, end.value)))
-            self._units.remove(running)
-            self._computation.release({running.unit.key, *(one.unit.key for one in self._units)})
-            return
+    def predict(self, task: Task, requests: list[PredictionRequest]) -> None:
+        self._answers[task] = {request.cell: None for request in requests}
         for request in requests:
-            running.answers[request.cell] = None
-            self._request(running, request)
+            self._request(task, request)
 
-    def _request(self, running: _Running, request: PredictionRequest) -> None:
+    def finish(self, done: FinishedUnit) -> None:
+        self._driver.send(("rows", done))
+
+    def _request(self, task: Task, request: PredictionRequest) -> None:
         """Copy the frames of a cell into the current batch, and send the batch if it is full."""
         alone = request.cell[1] == CLEAN  # as in the other engines
-        if self._filling and (alone or self._filling[0][0].unit.key != running.unit.key):
+        if self._filling and (alone or self._filling[0][0].unit.key != task.unit.key):
             self._send()
         shape = (len(request.frames), *request.frames[0].shape)
         size = max(shape[0] * 3, 4 * self._channels) * shape[1] * shape[2]
@@ -205,7 +181,7 @@ class Feeder:
         batch.reserve(begin + size)
         with timed(self._seconds, "predict"):
             np.stack(request.frames, out=batch.array(begin, shape, np.uint8))
-        self._filling.append((running, SharedRequest(replace(request, frames=()), begin, shape)))
+        self._filling.append((task, SharedRequest(replace(request, frames=()), begin, shape)))
         if alone or len(self._filling) == self._batch_size:
             self._send()
 
@@ -217,20 +193,22 @@ class Feeder:
             self._in_flight.append((index, self._filling))
             self._filling = []
 
-    def _receive(self) -> None:
-        """Continue the units whose flows have arrived; none requests flows before the place of this batch is free."""
+    def _receive_flows(self) -> Iterator[Answered]:
+        """Yield the tasks whose flows have all arrived; they may use the place of this batch only until the next."""
         try:
-            predicting = self._device.recv()
+            self._seconds["predict"] += self._device.recv()
         except (EOFError, ConnectionError):
             while True:  # the predicting process has ended: the driver reports the reason and ends this process
                 self._driver.recv()
         index, batch = self._in_flight.popleft()
-        self._seconds["predict"] += predicting
-        for running, shared in batch:
+        for task, shared in batch:
+            answers = self._answers[task]
             shape = (*shared.shape[1:3], self._channels)
             flow: Answer = self._batches[index].array(shared.begin, shape, np.float32)
-            kept = len(running.answers) > 1 or shared.request.cell[1] == CLEAN  # longer than the place of the batch
-            running.answers[shared.request.cell] = flow.copy() if kept else flow
-            if all(answer is not None for answer in running.answers.values()):
-                self._continue(running)
+            kept = len(answers) > 1 or shared.request.cell[1] == CLEAN  # longer than the place of the batch
+            answers[shared.request.cell] = flow.copy() if kept else flow
+            arrived = [answer for answer in answers.values() if answer is not None]
+            if len(arrived) == len(answers):
+                del self._answers[task]
+                yield Answered(task, arrived)
         self._free.append(index)

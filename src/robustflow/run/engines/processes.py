@@ -21,8 +21,9 @@ from typing import Any
 from ...core.errors import ModelError
 from ...core.processes import Child, one_opencv_thread, preload
 from ...models.base import describe_cell
+from ..computation import FinishedUnit
 from ..plan import NO_MODEL, Job, Unit
-from ..worker import UNITS_AHEAD, FinishedUnit, Worker
+from ..worker import UNITS_AHEAD, Worker
 from .base import Engine, FinishedUnits, Schedule, crash_of, pickled, unpickled
 from .device import BATCHES_PER_FEEDER, SharedBatch, feed_forever, predict_forever
 
@@ -39,9 +40,7 @@ def serial(job: Job, units: Iterable[Unit]) -> FinishedUnits:
             yield from worker.run_ahead(units)
             return
         for group in _grouped(units, attacks, job.batch_size):
-            rows = worker.run_attack(group) if len(group) > 1 else [worker.run(group[0])]
-            for unit, of_unit in zip(group, rows, strict=True):
-                yield worker.finished(unit, of_unit)
+            yield from worker.run_attack(group) if len(group) > 1 else [worker.run(group[0])]
 
 
 def _grouped(units: Iterable[Unit], attacks: Container[str], cells: int) -> Iterator[list[Unit]]:
@@ -103,8 +102,7 @@ def compute_units(pipe: Connection) -> None:
     """Compute the units of a job; the main function of a worker process that has the model."""
     worker = Worker(unpickled(pipe.recv()), lambda what: pipe.send(("doing", what)))
     while True:
-        unit = pipe.recv()
-        pipe.send(("rows", worker.finished(unit, worker.run(unit))))
+        pipe.send(("rows", worker.run(pipe.recv())))
 
 
 def _started(

@@ -22,9 +22,9 @@ from ...core.processes import ONE_THREAD, rebuilt
 from ...core.text import first_of
 from ...models.base import describe_cell
 from ...models.loading import device_of, is_accelerator
+from ..computation import FinishedUnit
 from ..data_files import files_of_sample
 from ..plan import Job, Unit
-from ..worker import FinishedUnit
 from .base import FinishedUnits, Schedule, crash_of, pickled
 from .processes import too_slow
 from .ray_actor import Doing, Files, Start, UnitActor, cannot_start, installed

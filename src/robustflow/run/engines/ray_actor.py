@@ -22,8 +22,9 @@ from ...core.processes import keep_freed_memory
 from ...core.version import VERSION
 
 if TYPE_CHECKING:
+    from ..computation import FinishedUnit
     from ..plan import Unit
-    from ..worker import FinishedUnit, Worker
+    from ..worker import Worker
 
 Answer = tuple[str, Any]
 """The result of a call: ("done", value), or ("error", (type, message, traceback, culprit))."""
@@ -144,7 +145,7 @@ class UnitActor:
     def _run(self, unit: Unit, files: Files) -> FinishedUnit:
         assert self._worker is not None
         self._check_files(files)
-        return self._worker.finished(unit, self._worker.run(unit))
+        return self._worker.run(unit)
 
     def _check_files(self, files: Files) -> None:
         for name, size in files:
