@@ -1,6 +1,6 @@
 """Rewrite all stored files that are computed from the code: `python -m tests.rewrite`.
 
-These are the hashes that `robustflow corrupt --check` compares, the golden runs, and the public names. Results of long
+These are the hashes that `robustflow corrupt --check` compares, the golden runs and frames, and the public names. Results of long
 searches are not among them: `robustflow optics design` finds lenses, and `bench/calibrated_severities.py` severities.
 """
 
@@ -14,6 +14,7 @@ from robustflow.corruptions import machine_check
 from robustflow.corruptions.registry import CLIP
 from robustflow.data.video import machine_check as clips
 
+from .golden import corrupted
 from .golden.record import STORED as GOLDEN
 from .golden.record import golden_text
 from .public_surface import STORED, surface, without_torch
@@ -29,6 +30,7 @@ def stored_files() -> Iterator[tuple[Path, str]]:
             Path(str(clips.DIGESTS)),
             json.dumps({name: clips.digests_of(name, clip) for name in CLIP}, indent=1) + "\n",
         )
+        yield corrupted.STORED, corrupted.corrupted_text()
         yield GOLDEN, golden_text(Path(scratch) / "golden")
         yield STORED, "\n".join(sorted({*surface(), *without_torch()})) + "\n"
 

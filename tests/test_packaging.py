@@ -59,9 +59,9 @@ def test_an_extra_resolves_to_its_pins(extra):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("extra", sorted({*OPTIONAL} - {"bench", "optics-test"}))
+@pytest.mark.parametrize("extra", sorted({*OPTIONAL} - {"bench"}))
 def test_an_installer_finds_no_conflict_between_the_pins_and_no_package_without_one(extra, tmp_path):
-    """Resolve an extra and all its dependencies. Two extras state that they need a separate environment."""
+    """Resolve an extra and all its dependencies. One extra states that it needs a separate environment."""
     command = [sys.executable, "-m", "pip", "install", "--dry-run", "--ignore-installed", "--quiet"]
     command += ["--report", "-", "-c", str(ROOT / "constraints.txt"), f"{ROOT}[{extra}]"]
     done = subprocess.run(command, capture_output=True, text=True, cwd=tmp_path, timeout=600)

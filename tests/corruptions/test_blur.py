@@ -8,7 +8,6 @@ from hypothesis import strategies as st
 from scipy.ndimage import correlate, gaussian_filter
 
 from robustflow.core.rng import Rng, hash64
-from robustflow.corruptions import load_corruption
 from robustflow.corruptions.blur import CameraMotionBlur, GlassBlur
 from robustflow.corruptions.kernels.disk import convolve_disk
 from robustflow.corruptions.kernels.filters import gaussian_frame
@@ -68,21 +67,6 @@ def test_blur_is_within_rounding_of_the_exact_integral_along_the_line(radius, si
     assert np.abs(got - moved_along_a_line(frame, radius, sigma, angle)).max() < 0.55
 
 
-def test_a_frame_smaller_than_the_kernel_keeps_its_brightness():
-    frame = np.full((16, 16, 3), 200, np.uint8)
-    assert (move_frame(frame, line_kernel(20, 15, 0.0)) == 200).all()
-    assert (move_frame(np.full_like(frame, 255), line_kernel(20, 15, 30.0)) == 255).all()
-
-
-def test_the_direction_is_drawn_once_within_45_degrees():
-    blur = CameraMotionBlur()
-    ends = np.array([blur.draw(Rng.of(seed), 5, (64, 64)).offsets[-1] for seed in range(200)])
-    angles = np.degrees(np.arctan2(ends[:, 0], ends[:, 1]))
-    assert np.abs(angles).max() <= 46
-    assert angles.min() < -35
-    assert angles.max() > 35
-
-
 def shuffled_by_loops(pixels, rng, reach, iterations, swap):
     """Shuffle pixel by pixel, starting at the bottom right, with offsets from the stream."""
     pixels = pixels.copy()
@@ -115,20 +99,3 @@ def test_the_frame_is_blurred_floored_shuffled_and_blurred(variant, severity):
     expected = gaussian_filter(moved, (sigma, sigma, 0), mode="nearest")
     got = glass.apply(frame, glass.draw(rng, severity, (40, 50)), 0)
     assert np.abs(got - expected).max() < 0.501
-
-
-def exact(name, frame, parameter):
-    return scipy_blur(frame, parameter) if name == "gaussian_blur" else direct(frame, disk_kernel(*parameter))
-
-
-BLURS = pytest.mark.parametrize("name", ["gaussian_blur", "defocus_blur"])
-
-
-@BLURS
-def test_the_reference_variant_cuts_the_fraction_off_but_leaves_white_white(name):
-    frame, blur = noise(40, 40), load_corruption(name, "reference")
-    error = exact(name, frame, blur.parameter(3)) - blur.apply(frame, blur.parameter(3), 0)
-    assert error.min() > -0.01
-    assert error.max() < 1.0
-    white = np.full((40, 40, 3), 255, np.uint8)
-    assert (blur.apply(white, blur.parameter(3), 0) == 255).all()

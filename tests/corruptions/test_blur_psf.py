@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import robustflow as rf
-from robustflow.core.errors import AssetError, DataError, RunError, UsageError
+from robustflow.core.errors import AssetError, DataError, RunError
 from robustflow.corruptions import blur, corrupt, load_corruption
 from robustflow.corruptions.blur import PSF_DIR, PsfBlur, reference_field
 from robustflow.corruptions.optics.psf_field import PsfField
@@ -16,20 +16,6 @@ from robustflow.data.benchmarks import load_benchmark
 from robustflow.run.stages import frames_digest
 
 from ..refusals import refusal
-from .pictures import picture
-
-
-def test_a_severity_without_a_lens_is_refused():
-    refusal(lambda: PsfBlur(severities=(0.0296, 0.0832, 0.1102, 0.1588, 0.5)), UsageError, "psf_blur")
-
-
-def test_the_reference_variant_cuts_fractions_off():
-    frame = picture(90, 140)
-    rounded, _ = corrupt(frame, frame, "psf_blur", 2)
-    cut, _ = corrupt(frame, frame, "psf_blur", 2, variant="reference")
-    difference = rounded.astype(int) - cut
-    assert set(np.unique(difference)) == {0, 1}
-
 
 # Stacks from files
 

@@ -21,9 +21,8 @@ from robustflow.corruptions.scale import (
     read_table,
     shipped,
 )
-from robustflow.corruptions.stack import levels_of
 from robustflow.data.benchmarks import load_benchmark
-from robustflow.media.images import read_image, write_image
+from robustflow.media.images import read_image
 from robustflow.report.gallery.ssim import Ssim
 from robustflow.run.config import FrameOptions, RunConfig
 from robustflow.run.plan import Plan
@@ -32,7 +31,6 @@ from robustflow.testing import ZeroFlow
 
 from ..refusals import refusal
 
-SMALL = skimage.data.chelsea()[60:156, 90:210]
 GAPS = {name: levels for name in IMAGE_PAIR if (levels := calibrated_levels(name)) != SEVERITIES}
 GAP = next(iter(GAPS))
 MISSING = next(s for s in SEVERITIES if s not in GAPS[GAP])
@@ -83,21 +81,6 @@ def test_shipped_levels_have_the_ssim_they_claim(name, levels):
 
 
 @pytest.mark.parametrize(
-    ("call", "error", "culprit"),
-    [
-        (lambda: rf.corrupt(*[SMALL] * 2, GAP, MISSING, scale="calibrated"), UsageError, GAP),
-        (lambda: load_corruption("bit_error", scale="calibrated").parameter(1), UsageError, "bit_error"),
-        (lambda: load_corruption(f"contrast+{GAP}:{MISSING}", scale="calibrated"), UsageError, GAP),
-        (lambda: load_corruption("fog", scale="calibratd"), UsageError, "calibratd"),
-        (lambda: Ssim(SMALL)(SMALL[:, :-1]), DataError, "96x119"),
-    ],
-)
-def test_impossible_calibrations_and_severities_are_refused(tmp_path, monkeypatch, call, error, culprit):
-    monkeypatch.chdir(tmp_path)
-    refusal(call, error, culprit)
-
-
-@pytest.mark.parametrize(
     "change",
     [
         lambda t: t.update(targets=[0.6, 0.7, 0.8, 0.9, 0.95]),
@@ -112,12 +95,6 @@ def test_a_damaged_table_is_refused(tmp_path, change):
     change(document)
     (tmp_path / "table.json").write_text(json.dumps(sealed(document)))
     refusal(lambda: read_table(tmp_path / "table.json"), DataError, tmp_path / "table.json")
-
-
-def test_stack_has_the_severities_of_all_its_parts():
-    assert levels_of(f"contrast+{GAP}", SEVERITIES, "calibrated") == GAPS[GAP]
-    stack = load_corruption(f"contrast+{GAP}", scale="calibrated")
-    refusal(lambda: stack.parameter(MISSING), UsageError, stack.name)
 
 
 def test_a_run_leaves_gaps_out_and_says_so(tmp_path):
@@ -161,14 +138,6 @@ def test_the_scale_is_part_of_a_runs_identity_and_the_papers_changes_none(monkey
     monkeypatch.setenv(CALIBRATION_VARIABLE, str(tmp_path / "mine.json"))
     assert calibration_digest() != before[1]
     assert identity("calibrated").digest() != before[0]
-
-
-def test_the_command_refuses_a_severity_that_the_scale_lacks(tmp_path, robustflow):
-    for name in ("a.png", "b.png"):
-        write_image(tmp_path / name, SMALL)
-    corrupt = ("corrupt", "a.png", "b.png", "-c", GAP, "-s", MISSING, "--severity-scale", "calibrated")
-    assert GAP in robustflow.refuses(*corrupt)
-    assert not Path("corrupted").exists()
 
 
 def naive_ssim(a, b):

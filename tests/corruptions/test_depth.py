@@ -6,14 +6,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from robustflow.core.errors import DataError, UsageError
 from robustflow.core.rng import Rng
 from robustflow.core.types import Camera, SceneDepth
 from robustflow.corruptions import corrupt, load_corruption
 from robustflow.corruptions.depth.defocus_3d import FarFocus, NearFocus, ThinLens
 from robustflow.corruptions.kernels.disk import convolve_disk
 
-from ..refusals import refusal
 from .pictures import picture, ray_lengths, seen
 
 VISIBILITIES = (1000.0, 500.0, 250.0, 125.0, 60.0)
@@ -44,19 +42,6 @@ def test_fog_is_within_a_grey_level_of_the_formula_in_float64(severity, seed, de
         assert np.abs(corruption.apply(frame, state, index) - expected).max() < 0.51
 
 
-METRES, KNOWN = np.ones((20, 30), np.float32), np.ones((20, 30), bool)
-SMALL = SceneDepth((METRES, METRES), (KNOWN, KNOWN), Camera((30.0, 30.0), (15.0, 10.0)))
-
-
-@pytest.mark.parametrize("name", ["fog_3d", "snow_3d", "near_focus", "motion_blur_3d"])
-@pytest.mark.parametrize(
-    ("depth", "error"), [(None, UsageError), (SMALL, DataError), (METRES, UsageError), (5.0, UsageError)]
-)
-def test_missing_depth_and_depth_of_another_size_or_type_are_refused(name, depth, error):
-    frame = picture(40, 60)
-    refusal(lambda: corrupt(frame, frame, name, 3, depth=depth), error, name)
-
-
 BLURS = ("near_focus", "far_focus", "motion_blur_3d")
 DEPTH_CORRUPTIONS = ("fog_3d", "rain_3d", "snow_3d", *BLURS)
 
@@ -72,17 +57,6 @@ def test_uniform_frame_stays_uniform_under_blurs_at_any_depth(name, seed, value,
     frame = np.full((*depth.shape, 3), value, np.uint8)
     moving = seen(depth, rotation=turned, translation=rng.uniform(-2, 2, 3))
     assert np.array_equal(corrupt(frame, frame, name, severity, depth=moving), [frame, frame])
-
-
-@pytest.mark.parametrize("shape", [(1, 1), (1, 90), (90, 1), (7, 2000), (2000, 7)])
-@pytest.mark.parametrize("name", DEPTH_CORRUPTIONS)
-def test_frames_of_any_shape_are_corrupted_at_the_lowest_and_highest_severity(name, shape):
-    frame, metres = picture(*shape), np.random.default_rng(1).uniform(1, 80, shape).astype(np.float32)
-    known, longer = np.ones(shape, bool), float(max(shape))
-    camera = Camera((longer, longer), (shape[1] / 2, shape[0] / 2), np.eye(3), np.array([0.3, 0.1, -1.0]))
-    for severity in (1, 5):
-        pair = corrupt(frame, frame, name, severity, depth=SceneDepth((metres, metres), (known, known), camera))
-        assert [(each.shape, each.dtype) for each in pair] == [(frame.shape, np.uint8)] * 2
 
 
 @pytest.mark.parametrize("name", DEPTH_CORRUPTIONS)
@@ -168,15 +142,6 @@ def test_a_blurred_foreground_spreads_over_the_sharp_background_in_proportion(se
     assert (expected[block] < 255).any()
     out = FarFocus().apply(frame, drawn(FarFocus, severity, depth), 0)
     assert np.abs(out.astype(int) - expected.astype(int)).max() <= 1
-
-
-def test_a_blurred_foreground_leaves_the_background_sharp():
-    depth, block = before_a_wall()
-    frame = picture(60, 80)
-    out = FarFocus().apply(frame, drawn(FarFocus, 1, depth), 0)
-    untouched = np.ones_like(block)
-    untouched[20 - 3 : 40 + 3, 25 - 3 : 55 + 3] = False
-    assert np.array_equal(out[untouched], frame[untouched])
 
 
 @both

@@ -166,20 +166,6 @@ def test_the_frame_is_mixed_with_a_cut_of_the_enlarged_texture(invented, monkeyp
         assert np.abs(frost.apply(frame, state, 0) - expected).max() < 0.501
 
 
-def test_frost_with_the_real_textures_changes_the_frame():
-    clear_caches()
-    try:
-        pictures = [photograph(slot) for slot in range(5)]
-    except AssetError as error:
-        pytest.skip(f"frost textures are not available: {error}")
-    assert all(picture.ndim == 3 and picture.dtype == np.uint8 for picture in pictures)
-    assert np.array_equal(pictures[1], pictures[2])
-    frame = np.zeros((64, 96, 3), np.uint8)
-    frost = Frost()
-    corrupted = frost.apply(frame, frost.draw(Rng.of("real"), 5, (64, 96)), 0)
-    assert corrupted.std() > 1
-
-
 OFFLINE = """
 import sys
 def refuse(event, arguments):

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import robustflow as rf
-from robustflow.core.errors import DataError, UsageError
+from robustflow.core.errors import UsageError
 from robustflow.corruptions import DepthCorruption, corruption_name, corruption_names, load_corruption
 from robustflow.corruptions.digital import Contrast
 from robustflow.corruptions.stack import levels_of, needs_depth, parse_stack
@@ -359,11 +359,6 @@ def test_an_own_corruption_cannot_change_the_depth_that_the_next_one_gets(part):
     with pytest.raises(UsageError):
         rf.corrupt(FRAME, FRAME, Changes, 3, depth=depth)
     assert part(depth).any()
-
-
-@pytest.mark.parametrize(("depth", "error"), [(None, UsageError), ("far", UsageError), (scene(24, 35), DataError)])
-def test_an_own_corruption_in_three_dimensions_needs_depth_of_the_frames_size(depth, error):
-    refusal(lambda: rf.corrupt(FRAME, FRAME, NearGrey, 3, depth=depth), error, "near_grey")
 
 
 def test_check_corruption_tries_depth_with_a_camera_of_known_and_of_unknown_motion():

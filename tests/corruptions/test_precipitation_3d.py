@@ -9,7 +9,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from robustflow.core.errors import UsageError
 from robustflow.core.rng import Rng
 from robustflow.core.types import Camera
 from robustflow.corruptions.depth.precipitation import (
@@ -23,7 +22,6 @@ from robustflow.corruptions.depth.precipitation import (
 )
 from robustflow.corruptions.depth.scene import STILL
 
-from ..refusals import refusal
 from .pictures import picture, plane, ray_lengths, scene, seen
 
 both = pytest.mark.parametrize("kind", [Rain3d, Snow3d])
@@ -93,18 +91,6 @@ def test_both_frames_see_as_many_particles_as_the_distribution_of_sizes_says(kin
             assert abs(count - expected) < 4 * math.sqrt(expected)
 
 
-def test_terminal_speeds_are_those_of_rain_and_of_snow():
-    rain, snow = (
-        kind().draw_scene(Rng.of("speed"), 5, plane(30.0, (240, 320), focal=300.0)).particles
-        for kind in (Rain3d, Snow3d)
-    )
-    fall = rain.velocities[0][:, 1]
-    assert np.abs(fall - 200 * np.sqrt(rain.diameters / 2)).max() <= 0.1 + 1e-9
-    middle = (rain.diameters > 1.3e-3) & (rain.diameters < 4e-3)
-    assert 5 - 0.2 < fall[middle].min() < fall[middle].max() < 9 + 0.1
-    assert 1 - 0.5 <= snow.velocities[0][:, 1].min() < snow.velocities[0][:, 1].max() <= 2 + 0.5
-
-
 @both
 @pytest.mark.parametrize("index", [0, 1])
 def test_the_veil_is_that_of_the_rays_length_beyond_its_start(kind, index):
@@ -164,15 +150,6 @@ def test_particle_covers_its_area_at_any_size_and_speed(radius, streak):
     assert total / count == pytest.approx(np.pi * radius**2, rel=tolerance)
 
 
-def test_a_large_particle_is_opaque_and_centred_on_its_projection():
-    at = 0.613, -0.427, 8.0
-    hidden = shares(by_hand([at], [1.2]))
-    y, x = np.mgrid[:120, :160]
-    assert hidden.max() > 0.95
-    assert (hidden * x).sum() / hidden.sum() == pytest.approx(79.5 + 100 * at[0] / at[2], abs=0.02)
-    assert (hidden * y).sum() / hidden.sum() == pytest.approx(59.5 + 100 * at[1] / at[2], abs=0.02)
-
-
 @both
 def test_camera_of_unknown_motion_is_at_rest(kind):
     frame = picture(60, 90)
@@ -181,9 +158,3 @@ def test_camera_of_unknown_motion_is_at_rest(kind):
     for index in (0, 1):
         a, b = (kind().apply(frame, kind().draw_scene(Rng.of("p"), 3, one), index) for one in (still, unknown))
         assert np.array_equal(a, b)
-
-
-@both
-def test_intrinsics_of_a_telescope_are_refused(kind):
-    depth = plane(5.0, (60, 90), focal=1e9)
-    refusal(lambda: kind().draw_scene(Rng.of("t"), 5, depth), UsageError, "camera")

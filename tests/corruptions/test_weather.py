@@ -14,7 +14,7 @@ from robustflow.core.rng import Rng, hash64
 from robustflow.corruptions.kernels.fields import UNIT, normal_field, plasma_corner
 from robustflow.corruptions.weather.fog import Fog
 from robustflow.corruptions.weather.snow import Snow
-from robustflow.corruptions.weather.spatter import MUD, WATER, Spatter, chamfer_distance
+from robustflow.corruptions.weather.spatter import MUD, WATER, Spatter
 
 from .pictures import moved_along_a_line
 
@@ -133,22 +133,3 @@ def test_spatter_equals_the_reference(severity):
     assert np.abs(expected - frame).max() > 30
     # rounding errors can move values that are close to a threshold across it
     assert (np.abs(got - expected) > 0.51).mean() < 0.005
-
-
-def test_spatter_without_a_drop_leaves_the_frame_unchanged():
-    spatter = Spatter(severities=((0.1, 0.01, 2.0, 0.9, 0.6, False),) * 5)
-    frame = np.random.default_rng(0).integers(0, 256, (16, 16, 3), dtype=np.uint8)
-    assert np.array_equal(spatter.apply(frame, spatter.draw(Rng.of(0), 1, (16, 16)), 0), frame)
-
-
-def test_mud_covers_in_rgb_order():
-    spatter = Spatter()
-    white = np.full((100, 100, 3), 255, np.uint8)
-    muddy = spatter.apply(white, spatter.draw(Rng.of(3), 5, (100, 100)), 0).reshape(-1, 3)
-    assert muddy[muddy[:, 0].argmin()].tolist() == [63, 42, 20]
-
-
-def test_distances_equal_those_of_opencv():
-    edges = (np.random.default_rng(1).random((50, 70)) > 0.995).astype(np.uint8) * 255
-    expected = np.minimum(cv2.distanceTransform(255 - edges, cv2.DIST_L2, 5), 20)
-    assert np.abs(chamfer_distance(edges, 20) / 10_000 - expected).max() < 2e-4

@@ -7,14 +7,12 @@ import numpy as np
 import pytest
 import skimage.data
 
-from robustflow.core.errors import DataError
 from robustflow.corruptions.kernels.cache import BytesCache
 from robustflow.corruptions.optics import blur as engine
 from robustflow.corruptions.optics.blur import LENGTHS, blur, twiddles
 from robustflow.corruptions.optics.design import shipped_lens
 from robustflow.corruptions.optics.psf_field import (
     PsfField,
-    grid_of,
     half_digest,
     halved,
     manifest,
@@ -22,7 +20,6 @@ from robustflow.corruptions.optics.psf_field import (
 )
 from robustflow.corruptions.optics.render import render_psfs
 
-from ...refusals import refusal
 from ..pictures import noise
 from .naive_blur import blended_blur, blurred_pixels
 
@@ -131,12 +128,6 @@ def test_every_lens_renders_to_the_shipped_bytes(severity):
     assert half_digest(halved(render_psfs(shipped_lens(severity)))) == manifest()[f"psf_s{severity}"]
 
 
-@pytest.mark.parametrize("shape", [(64, 3, 61, 61), (63, 3, 61, 61), (64, 3, 61)])
-@pytest.mark.parametrize("value", [0.0, np.nan])
-def test_invalid_psf_stack_is_refused(shape, value):
-    refusal(lambda: PsfField(np.full(shape, value)), DataError, "PSF stack")
-
-
 @pytest.mark.parametrize("length", LENGTHS)
 def test_twiddles_are_decided_by_more_than_the_last_bits_of_sine_and_cosine(length):
     """An error of ten units in the last place of a double, larger than in any math library, does not change any
@@ -149,9 +140,3 @@ def test_twiddles_are_decided_by_more_than_the_last_bits_of_sine_and_cosine(leng
             assert np.float32(exact - slack) == np.float32(exact + slack) == value or abs(exact) < 1e-12, Fraction(
                 k, length
             )
-
-
-def test_nodes_lie_closer_in_small_images():
-    pitches = [grid_of(side, side) for side in (16, 300, 700, 1000, 1200, 2000, 5000)]
-    assert pitches == sorted(pitches)
-    assert (pitches[0], pitches[-1]) == (12, 34)

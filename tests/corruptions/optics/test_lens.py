@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from robustflow.core.errors import DataError, UsageError
+from robustflow.core.errors import DataError
 from robustflow.corruptions.optics.lens import (
     abbe_number,
     first_order_of,
@@ -40,10 +40,6 @@ def test_index_and_dispersion_are_those_of_the_data_sheet(name):
     n_d, v_d = CATALOGUE[name]
     assert refractive_index(name, 0.5875618) == pytest.approx(n_d, abs=6e-6)
     assert abbe_number(name) == pytest.approx(v_d, abs=6e-3)
-
-
-def test_an_unknown_glass_is_refused_with_the_nearest_name():
-    refusal(lambda: refractive_index("NBK7", 0.5), UsageError, "NBK7")
 
 
 TINY = 1e-5

@@ -1,0 +1,36 @@
+"""Store digests of small corrupted pairs: every pair corruption, variant and severity, on frames of odd sizes."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from pathlib import Path
+
+from robustflow.corruptions import corrupt, load_corruption
+from robustflow.corruptions.base import BGR, VARIANTS
+from robustflow.corruptions.machine_check import CHECKED
+from robustflow.data.benchmarks.paper import DEMO_CLASSES
+
+from ..corruptions.pictures import picture, scene
+
+STORED = Path(__file__).parent / "corrupted.json"
+SIZES = {"default": (61, 87), "paper": (45, 70), "reference": (53, 33), BGR: (33, 53)}
+"""Height and width of the frames of each variant; the demo's classes need no photographs of frost."""
+
+
+def digests_of(name: str) -> dict[str, str]:
+    """Return the digest of the pairs at severities 1 to 5 for each variant."""
+    digests = {}
+    for variant in (*VARIANTS, BGR):
+        size, digest = SIZES[variant], hashlib.blake2b(digest_size=8)
+        corruption = load_corruption(name, variant, classes=DEMO_CLASSES)
+        for severity in range(1, 6):
+            pair = corrupt(picture(*size), picture(*size, seed=1), corruption, severity, 3, depth=scene(*size))
+            digest.update(b"".join(frame.tobytes() for frame in pair))
+        digests[variant] = digest.hexdigest()
+    return digests
+
+
+def corrupted_text() -> str:
+    """Corrupt everything again, and return the content of the stored file."""
+    return json.dumps({name: digests_of(name) for name in CHECKED}, indent=1) + "\n"
