@@ -1,7 +1,8 @@
 """Rewrite all stored files that are computed from the code: `python -m tests.rewrite`.
 
-These are the hashes that `robustflow corrupt --check` compares, the golden runs and frames, and the public names. Results of long
-searches are not among them: `robustflow optics design` finds lenses, and `bench/calibrated_severities.py` severities.
+These are the hashes that `robustflow corrupt --check` compares, the golden runs and frames, and the public names.
+Results of long searches are not among them: `robustflow optics design` finds lenses, and
+`bench/calibrated_severities.py` severities.
 """
 
 import json

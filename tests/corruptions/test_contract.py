@@ -41,7 +41,7 @@ def corrupted(*args, **options):
 @every_corruption
 @settings(max_examples=8)
 @given(
-    size=st.tuples(st.integers(1, 90), st.integers(1, 90)),
+    size=st.tuples(st.integers(1, 90), st.integers(1, 90)) | st.sampled_from([(2, 400), (400, 3)]),
     severity=st.integers(1, 5),
     variant=st.sampled_from(VARIANTS),
     seed=st.integers(0, 2**32),

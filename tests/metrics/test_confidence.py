@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from scipy.ndimage import map_coordinates
 from scipy.stats import spearmanr
 
-from robustflow.metrics import ause, confidence_correlation, error_at, forward_backward, sparsification
+from robustflow.metrics import ause, confidence_correlation, error_at, forward_backward
 
 pixels = st.lists(st.tuples(st.integers(0, 20), st.integers(-4, 4)), min_size=1, max_size=40)
 """Errors in multiples of a quarter pixel, and confidences with many ties."""
@@ -59,21 +59,6 @@ def test_rank_correlation_of_sixteen_megapixels_is_that_of_an_image_of_the_same_
     ramps = (np.arange(count) for count in (16_000, 16_000_000))
     small, large = (confidence_correlation(ramp, np.roll(ramp, ramp.size // 4)) for ramp in ramps)
     assert large == pytest.approx(small, abs=1e-3)
-
-
-def test_a_random_confidence_scores_what_theory_gives():
-    """In a random order, the expected error of the remaining pixels is the overall mean, so the area is this mean minus
-    the oracle's mean height.
-
-    For uniform errors in 0..1, the fraction p that the oracle keeps has the mean p / 2, so the area is 1/2 - 1/4.
-    """
-    rng = np.random.default_rng(0)
-    errors = (np.arange(100_000) + 0.5) / 100_000
-    expected = errors.mean() - sparsification(errors, -errors).by_error.mean()
-    assert expected == pytest.approx(0.25, abs=0.003)  # 100 steps, each with the value at its left edge
-    assert ause(errors, np.zeros_like(errors)) == pytest.approx(expected, abs=1e-12), "mean over all orderings"
-    scores = [ause(errors, rng.random(errors.size)) for _ in range(20)]
-    assert np.mean(scores) == pytest.approx(expected, abs=4 * np.std(scores, ddof=1) / math.sqrt(20))
 
 
 def test_error_at_a_coverage_is_that_of_the_most_confident_pixels():

@@ -47,20 +47,6 @@ def test_row_without_ground_truth_has_only_rcre_over_all_pixels_and_the_photomet
         assert row[name] == (seen[name] if name in (*LABELS, *everywhere) else None)
 
 
-def test_invalid_pixels_are_counted_and_leave_the_sums_finite():
-    frame = np.zeros((4, 5, 3), np.uint8)
-    truth = np.zeros((4, 5, 2), np.float32)
-    sample = Sample("a", (frame, frame), truth, np.ones((4, 5), np.bool_))
-    pred, clean = truth + 3, truth + 0
-    pred[0, 0, 0], pred[1, 1, 1], clean[2, 2] = np.nan, np.inf, np.nan
-    row = measure(pred, clean, sample, Regions.of(sample))
-    assert row["n_invalid"] == 2
-    assert row["n_valid"] == row["n_all"] == 17
-    assert row["epe_sum"] == row["rcre_sum"] == pytest.approx(17 * 18**0.5)
-    lost = measure(np.full_like(truth, np.nan), clean, sample, Regions.of(sample))
-    assert (lost["n_invalid"], lost["n_valid"], lost["n_all"], lost["epe_sum"]) == (20, 0, 0, 0.0)
-
-
 def test_truth_digest_names_the_known_vectors_and_nothing_else():
     rng = np.random.default_rng(8)
     frame = np.zeros((6, 7, 3), np.uint8)
