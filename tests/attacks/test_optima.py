@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 import robustflow as rf
 from robustflow.attacks import load_attack
 from robustflow.attacks.ball import images_of
-from robustflow.attacks.registry import norm_of
+from robustflow.attacks.registry import attack_spec
 from robustflow.core.errors import UsageError
 
 torch = pytest.importorskip("torch", reason="needs the torch extra")
@@ -125,7 +125,7 @@ def test_the_name_of_an_attack_in_a_run_has_its_options_and_gives_it_again(given
     attack = load_attack(given)
     assert attack.label == label
     assert load_attack(label) == attack
-    assert norm_of(label) == attack.norm
+    assert attack_spec(label).norm == attack.norm
 
 
 @pytest.mark.parametrize(

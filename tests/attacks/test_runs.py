@@ -9,7 +9,7 @@ import pytest
 
 import robustflow as rf
 from robustflow.attacks.api import with_controls
-from robustflow.attacks.registry import ATTACKS, SHIPPED, norm_of
+from robustflow.attacks.registry import ATTACKS, SHIPPED, attack_spec
 from robustflow.core.errors import ModelError, RunError, UsageError
 from robustflow.models import ModelSpec
 from robustflow.report.attack_tables import attack_table
@@ -136,7 +136,7 @@ def test_invalid_attacks_of_a_run_are_refused(tmp_path, options):
 def test_the_norm_of_each_attack_is_that_of_its_class():
     from robustflow.attacks import load_attack
 
-    assert {name: norm_of(name) for name in SHIPPED} == {name: load_attack(name).norm for name in SHIPPED}
+    assert {name: attack_spec(name).norm for name in SHIPPED} == {name: load_attack(name).norm for name in SHIPPED}
     assert with_controls(["pgd"]) == ("random_sign", "random_gauss", "pgd")
 
 

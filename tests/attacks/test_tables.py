@@ -7,7 +7,7 @@ from scipy.stats import spearmanr
 
 import robustflow as rf
 from robustflow.attacks.ball import GREY_LEVELS
-from robustflow.attacks.registry import norm_of
+from robustflow.attacks.registry import attack_spec
 from robustflow.attacks.result import BESIDE_OTHERS, EXPLAINED, WARNINGS
 from robustflow.report.attack_tables import attack_table, prediction_table
 from robustflow.stats.attacks import AttackScore, attack_scores, budget_at_double, predictions, security_curves
@@ -61,7 +61,7 @@ def test_security_curves_begin_at_the_clean_error_and_have_the_means_of_the_rows
     errors = {(point.attack, point.budget): point.error for point in points}
     rows = both.attack_rows.with_columns(epe=pl.col("epe_sum") / pl.col("n_valid"))
     for name in both.attacks:
-        levels = GREY_LEVELS[norm_of(name)]
+        levels = GREY_LEVELS[attack_spec(name).norm]
         expected = {0.0: both.epe_clean}
         expected |= {levels[s - 1]: rows.filter(corruption=name, severity=s)["epe"].mean() for s in (1, 3)}
         assert {budget: error for (of, budget), error in errors.items() if of == name} == pytest.approx(expected)

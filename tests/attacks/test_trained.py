@@ -20,7 +20,7 @@ from robustflow.core.rng import Rng
 from robustflow.data.benchmarks import Benchmark
 from robustflow.models import ModelSpec
 from robustflow.report.attack_tables import attack_table
-from robustflow.run.attack_stage import learned_patterns
+from robustflow.run.attack_stage import trained_attacks
 from robustflow.run.plan import Unit
 from robustflow.run.setup import set_up
 from robustflow.run.store import RunFolder
@@ -267,8 +267,8 @@ def test_an_array_that_is_no_perturbation_is_trained_again(tmp_path, shape):
         path = folder.pattern_path(name, 5)
         path.parent.mkdir(exist_ok=True)
         write_array(path, np.zeros(shape, np.float32), f"{plan.identity.digest()} {name} 5")
-    learned = learned_patterns(folder, plan, [Unit("0", name, (5,)) for name in names])
-    assert {name: levels[5].shape for name, levels in learned.items()} == names
+    attacks = trained_attacks(folder, plan, [Unit("0", name, (5,)) for name in names])
+    assert {name: one.learned[5].shape for name, one in attacks.items()} == names
 
 
 def test_worker_processes_use_the_perturbation_that_was_trained_once(trained, tmp_path):

@@ -11,8 +11,8 @@ from robustflow.core.errors import AssetError, DataError
 from robustflow.corruptions import IMAGE_PAIR, corrupt, corrupt_clip, load_corruption
 from robustflow.corruptions.api import stream_for
 from robustflow.corruptions.base import VARIANTS
+from robustflow.corruptions.condition import condition_of
 from robustflow.corruptions.registry import CLIP, CORRUPTIONS, FURTHER
-from robustflow.corruptions.stack import levels_of
 
 from ..refusals import refusal
 from .pictures import picture
@@ -127,5 +127,5 @@ def test_severity_of_the_stack_reaches_parts_without_their_own():
     mild, _ = corrupt(ASTRONAUT, ASTRONAUT, "contrast+jpeg_compression", 1)
     severe, _ = corrupt(ASTRONAUT, ASTRONAUT, "contrast+jpeg_compression", 5)
     assert severe.std() < mild.std()
-    assert levels_of("contrast+jpeg_compression", (1, 5)) == (1, 5)
-    assert levels_of("contrast:2+jpeg_compression:3", (1, 5)) == (3,)
+    assert condition_of("contrast+jpeg_compression").levels((1, 5)) == (1, 5)
+    assert condition_of("contrast:2+jpeg_compression:3").levels((1, 5)) == (3,)

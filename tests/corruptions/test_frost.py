@@ -242,7 +242,7 @@ def test_frost_of_the_demo_mixes_generated_textures_alone_in_stacks_and_in_bgr(n
 
 def test_frames_of_a_demo_run_made_again_have_the_digest_of_its_rows(no_photographs, tmp_path):
     run = rf.evaluate(ZeroFlow(), "demo", output=tmp_path / "run", corruptions="frost", severities=2)
-    plan = recorded_plan(run.manifest.identity, None, {})
+    plan = recorded_plan(run.manifest.identity, ["frost"], None, {})
     sample = plan.benchmark.dataset.load("motorcycle")
     frames = FrameStage(plan.job(), Seconds(float)).corrupt(sample, "frost", 2)
     (row,) = run.rows.filter(corruption="frost").to_dicts()

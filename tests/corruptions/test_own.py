@@ -14,8 +14,8 @@ import pytest
 import robustflow as rf
 from robustflow.core.errors import UsageError
 from robustflow.corruptions import DepthCorruption, corruption_name, corruption_names, load_corruption
+from robustflow.corruptions.condition import condition_of
 from robustflow.corruptions.digital import Contrast
-from robustflow.corruptions.stack import levels_of, needs_depth, parse_stack
 from robustflow.corruptions.weather.fog import Fog
 from robustflow.corruptions.weather.frost import GeneratedFrost
 from robustflow.testing import check_corruption
@@ -107,13 +107,13 @@ def test_own_corruption_can_be_part_of_a_stack(rain_package):
     whole = rf.corrupt(FRAME, FRAME, "fog+rain_module:Rain", 3)
     assert whole[0].shape == FRAME.shape
     assert (whole[0] != rf.corrupt(FRAME, FRAME, "fog", 3)[0]).any()
-    assert levels_of("fog:2+rain", (1, 2)) == (1, 2)
+    assert condition_of("fog:2+rain").levels((1, 2)) == (1, 2)
 
 
 @pytest.mark.parametrize("name", ["os:system", "fog:x", "rain_module:Rain"])
 def test_reading_a_name_imports_nothing(rain_package, name):
     """Names in run folders and records are untrusted."""
-    for read in (parse_stack, load_corruption):
+    for read in (lambda name: condition_of(name).check(), load_corruption):
         with pytest.raises(UsageError):
             read(name)
     assert "rain_module" not in sys.modules
@@ -334,9 +334,9 @@ def test_an_own_corruption_in_three_dimensions_gets_the_depth_of_each_frame(made
     ):
         expected = np.where((depth < limit)[..., None], np.uint8(value), FRAME)
         assert (frame != expected).any(axis=2).sum() <= (name == "near_white")  # its random dot
-    assert needs_depth(name)
-    assert needs_depth(f"fog+{name}:2")
-    assert not any(map(needs_depth, (corruption_name(Veil), "of_another_machine:2+fog")))
+    assert condition_of(name).needs_depth
+    assert condition_of(f"fog+{name}:2").needs_depth
+    assert not any(condition_of(flat).needs_depth for flat in (corruption_name(Veil), "of_another_machine:2+fog"))
 
 
 def test_an_own_corruption_in_three_dimensions_stacks_with_others():
@@ -378,13 +378,13 @@ SCRIPT = """
 import numpy as np
 from robustflow.corruptions import CORRUPTIONS, corrupt, load_corruption
 from robustflow.corruptions.api import user_sources
-from robustflow.corruptions.stack import needs_depth
+from robustflow.corruptions.condition import condition_of
 from robustflow.core.errors import DataError, UsageError
 frame = np.full((24, 36, 3), 9, np.uint8)
 assert "rain" in CORRUPTIONS.names()
 assert (corrupt(frame, frame, "fog+rain", 3)[0] != corrupt(frame, frame, "fog", 3)[0]).any()
-print(user_sources(names=["fog+rain:2"])["corruptions"]["rain"])
-assert needs_depth("fog+haze") and not needs_depth("fog+rain")
+print(user_sources([load_corruption("fog+rain:2")])["corruptions"]["rain"])
+assert condition_of("fog+haze").needs_depth and not condition_of("fog+rain").needs_depth
 for name in ("sleet", "gone", "hail"):
     try:
         load_corruption(name)

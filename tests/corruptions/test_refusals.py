@@ -8,11 +8,11 @@ from robustflow.core.errors import DataError, UsageError
 from robustflow.core.rng import Rng
 from robustflow.corruptions import corrupt, corrupt_clip, load_corruption
 from robustflow.corruptions.blur import PsfBlur
+from robustflow.corruptions.condition import condition_of
 from robustflow.corruptions.depth.precipitation import Rain3d, Snow3d
 from robustflow.corruptions.optics.lens import refractive_index
 from robustflow.corruptions.optics.psf_field import PsfField
 from robustflow.corruptions.registry import FURTHER
-from robustflow.corruptions.stack import parse_stack
 from robustflow.corruptions.transform import CorruptionTransform
 from robustflow.report.gallery.ssim import Ssim
 
@@ -83,7 +83,7 @@ def around_a_pair(name, first):
 
 CASES = [
     *((lambda given=given: corrupt(FRAME, FRAME, **given), UsageError, culprit) for given, culprit in ARGUMENTS),
-    *((lambda name=name: parse_stack(name), UsageError, None) for name in NAMES),
+    *((lambda name=name: condition_of(name).check(), UsageError, None) for name in NAMES),
     *(
         (lambda mode=mode: corrupt(Image.new(mode, (8, 8)), corruption="fog", severity=1), DataError, mode)
         for mode in ("RGBA", "I;16", "F", "CMYK")

@@ -8,7 +8,6 @@ import pytest
 from robustflow.core.errors import AssetError, UsageError
 from robustflow.corruptions import IMAGE_PAIR, load_corruption
 from robustflow.corruptions.registry import FURTHER
-from robustflow.corruptions.stack import truth_under
 from robustflow.data.video.clip import write_clip
 from robustflow.data.video.codec import i420_to_rgb, lossless, rgb_to_i420
 from robustflow.data.video.open_clip import mean_of_windows, rolling_frames
@@ -49,7 +48,7 @@ def moved(name, severity):
 @pytest.mark.parametrize("severity", [1, 2, 3, 4, 5])
 @pytest.mark.parametrize("name", PAIRS)
 def test_a_corruption_that_leaves_the_truth_unchanged_keeps_content_in_place(name, severity):
-    assert truth_under(name) == "unchanged"
+    assert load_corruption(name).truth == "unchanged"
     first, second = moved(name, severity)
     assert np.isfinite(first).all()
     assert np.isfinite(second).all()
@@ -61,7 +60,7 @@ def test_a_corruption_that_leaves_the_truth_unchanged_keeps_content_in_place(nam
 @pytest.mark.parametrize("severity", [1, 2, 3, 4, 5])
 def test_elastic_transform_moves_content_and_leaves_no_truth(severity):
     first, second = moved("elastic_transform", severity)
-    assert truth_under("elastic_transform") == "none"
+    assert load_corruption("elastic_transform").truth == "none"
     assert distortion(first, second) > 4
     np.testing.assert_allclose(first, second, atol=0.2, equal_nan=True)  # one field for the pair
 
@@ -88,21 +87,21 @@ def moved_along_x(corrupted, speed=0.5):
 
 @pytest.mark.parametrize("reach", load_corruption("object_motion_blur").severities)
 def test_object_motion_blur_is_centred_on_its_frame(reach):
-    assert truth_under("object_motion_blur") == "unchanged"
+    assert load_corruption("object_motion_blur").truth == "unchanged"
     assert np.abs(moved_along_x(lambda at: mean_of_windows(at, 0, [reach])[reach])).max() < 0.02
 
 
 @pytest.mark.parametrize("readout", load_corruption("rolling_shutter").severities)
 def test_rolling_shutter_moves_rows_and_leaves_no_truth(readout):
-    assert truth_under("rolling_shutter") == "none"
+    assert load_corruption("rolling_shutter").truth == "none"
     rows = moved_along_x(lambda at: rolling_frames(at, 0, [readout])[readout])
     expected = -0.5 * readout * ((np.arange(SHAPE[0]) + 0.5) / SHAPE[0] - 0.5)
     assert np.abs(rows - expected).max() < 0.26  # rows come from the nearest master frame
 
 
 def test_a_stack_leaves_no_truth_if_one_part_leaves_none():
-    assert load_corruption("fog+elastic_transform:2").truth == truth_under("fog+elastic_transform:2") == "none"
-    assert load_corruption("fog:1+snow").truth == truth_under("fog:1+snow") == "unchanged"
+    assert load_corruption("fog+elastic_transform:2").truth == "none"
+    assert load_corruption("fog:1+snow").truth == "unchanged"
 
 
 def test_training_frames_are_not_corrupted_without_ground_truth():
@@ -116,7 +115,7 @@ def test_training_frames_are_not_corrupted_without_ground_truth():
 def test_compression_keeps_the_content_of_a_moving_clip_in_place(tmp_path, name, most):
     """Bit errors are not tested: they replace content, and lost frames repeat earlier ones. No dataset with clips has
     ground truth, so their declaration only says that the paper's means include them."""
-    assert truth_under(name) == truth_under("bit_error") == "unchanged"
+    assert load_corruption(name).truth == load_corruption("bit_error").truth == "unchanged"
     parameter = load_corruption(name).severities[4] // (16 if name == "h264_abr" else 1)  # for a clip this small
     last = 7
 

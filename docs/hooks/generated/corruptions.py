@@ -17,7 +17,6 @@ from PIL import Image
 from robustflow.corruptions import CORRUPTIONS, FAMILIES, PAPER_ORDER, SEVERITIES, load_corruption
 from robustflow.corruptions.registry import CLIP, SHIPPED, heading_of
 from robustflow.corruptions.scale import calibrated_severities
-from robustflow.corruptions.stack import needs_depth, truth_under
 from robustflow.media.colours import flow_colours, flow_radius
 from robustflow.stats.published.tables import published_results
 
@@ -156,7 +155,7 @@ def _measured(name: str, cells: list[Seen]) -> str:
         intro += " Errors occur once per given number of bytes, so a clip this short has few errors or none."
     rows = [(c.severity, f"{c.ssim:.2f}", f"{c.epe:.2f}", f"{c.epe - clean:.2f}", f"{c.rcre:.2f}") for c in cells]
     heading = ("severity", "SSIM", "EPE (px)", "CRE (px)", "RCRE (px)")
-    if truth_under(name) == "none":
+    if load_corruption(name).truth == "none":
         rows, heading = [(*row[:2], row[-1]) for row in rows], (*heading[:2], heading[-1])
     return "\n\n".join([intro, table(heading, rows), "[Metrics](../design/metrics.md) defines the columns."])
 
@@ -209,7 +208,7 @@ def _figure(path: str, alt: str, caption: str) -> str:
 
 
 def _use(name: str) -> str:
-    depth, given = (_DEPTH, ", depth=depth") if needs_depth(name) else ("", "")
+    depth, given = (_DEPTH, ", depth=depth") if load_corruption(name).needs_depth else ("", "")
     return f"""```bash
 robustflow run --model dis --corruptions {name} --no-examples
 ```

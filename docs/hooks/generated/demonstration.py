@@ -16,7 +16,6 @@ import numpy as np
 from robustflow import corrupt, load_dataset, load_model
 from robustflow.corruptions import SEVERITIES, load_corruption
 from robustflow.corruptions.registry import CLIP
-from robustflow.corruptions.stack import needs_depth
 from robustflow.data.benchmarks.paper import DEMO_CLASSES
 from robustflow.data.video.open_clip import mean_of_windows, rolling_frames
 from robustflow.data.video.variants import ShortClip
@@ -63,7 +62,7 @@ def seen(name: str) -> list[Seen]:
         _clip_pairs(name)
         if clip
         else (
-            corrupt(*frames, as_demo, severity, key=KEY, depth=_depth() if needs_depth(name) else None)
+            corrupt(*frames, as_demo, severity, key=KEY, depth=_depth() if as_demo.needs_depth else None)
             for severity in SEVERITIES
         )
     )

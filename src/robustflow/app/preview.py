@@ -15,7 +15,6 @@ from ..core.errors import UsageError
 from ..core.processes import one_opencv_thread
 from ..core.types import Flow, Frame, Frozen, Sample
 from ..corruptions import Corruption, corrupt, load_corruption
-from ..corruptions.stack import levels_of
 from ..media.colours import error_colours, flow_colours, flow_radius, thickened
 from ..media.images import png_address, shrunk
 from ..metrics.error_maps import crer, epe_map
@@ -59,7 +58,7 @@ class PreviewRequest(Frozen):
         if len(self.layers) == 1:
             return self.layers[0].name, self.layers[0].severity
         stack = "+".join(f"{layer.name}:{layer.severity}" for layer in self.layers)
-        return stack, levels_of(stack, ())[0]
+        return stack, max(layer.severity for layer in self.layers)
 
 
 class Previewer:

@@ -20,7 +20,7 @@ from .evaluation import in_lockstep
 from .loss import Loss
 from .own import OwnAttack, is_own, own_attacks_among, register_attack, with_target_registered
 from .problem import Pair
-from .registry import ATTACKS, CONTROLS, control_of, split_name
+from .registry import ATTACKS, CONTROLS, attack_spec
 from .result import Attacked, norms_of
 
 AnyAttack = str | Attack | Any
@@ -48,13 +48,13 @@ def load_attack(name: AnyAttack, **options: Any) -> Attack:
         return name
     if not isinstance(name, str):
         return OwnAttack.of(register_attack(name), **options)
-    head, argument, given = split_name(name)
-    if is_own(head) and not argument:
-        return OwnAttack.of(head, **given, **options)
-    kind: type[Attack] = ATTACKS.get(head)
-    if argument and not kind.argument:
-        raise UsageError(name, f"options of attack {head} are written option=value, not '{argument}'")
-    return kind.made(**({kind.argument: argument} if argument else {}), **given, **options)
+    spec = attack_spec(name)
+    if is_own(spec.name) and not spec.argument:
+        return OwnAttack.of(spec.name, **spec.options, **options)
+    kind: type[Attack] = ATTACKS.get(spec.name)
+    if spec.argument and not kind.argument:
+        raise UsageError(name, f"options of attack {spec.name} are written option=value, not '{spec.argument}'")
+    return kind.made(**({kind.argument: spec.argument} if spec.argument else {}), **spec.options, **options)
 
 
 def with_controls(attacks: Iterable[AnyAttack]) -> tuple[str, ...]:
@@ -68,7 +68,8 @@ def with_controls(attacks: Iterable[AnyAttack]) -> tuple[str, ...]:
         for made in own_attacks_among(asked[-1:]):
             if own.setdefault(own_name(made), made) is not made:
                 raise UsageError(own_name(made), "two attacks have this name: give each a different `name`")
-    return tuple(dict.fromkeys((*CONTROLS, *map(control_of, asked), *asked))) if asked else ()
+    controls = (attack_spec(label).control for label in asked)
+    return tuple(dict.fromkeys((*CONTROLS, *controls, *asked))) if asked else ()
 
 
 def attack(

@@ -27,7 +27,7 @@ from .ball import GREY_LEVELS, MOVED, Ball, Images
 from .gradient import check_gradient, refuse_without_gradient
 from .loss import LOSSES, Loss
 from .problem import Pair, Problem
-from .registry import norm_of
+from .registry import attack_spec
 
 _PACKAGE = __name__.partition(".")[0] + "."
 
@@ -78,6 +78,8 @@ class Attack(ABC):
     variants: ClassVar[tuple[str, ...]] = ("default",)
     norms: ClassVar[tuple[str, ...]] = ("linf", "rms")
     targets: ClassVar[tuple[str, ...]] = TARGETS
+    above: ClassVar[str] = ""
+    """The warning (`result.BESIDE_OTHERS`) about an iterative white-box attack that is weaker than this one."""
     argument: ClassVar[str] = ""
     """The option that can follow the attack's name without a key: `transfer:tiny` is `transfer` with `on="tiny"`."""
 
@@ -99,6 +101,9 @@ class Attack(ABC):
             value = getattr(self, each.name)
             if isinstance(each.default, int) and (not isinstance(value, int) or isinstance(value, bool) or value < 1):
                 raise UsageError(each.name, f"must be an integer of at least 1 for {self.name}, not {value!r}")
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {each.name: getattr(self, each.name) for each in fields(self)}  # without models that it has loaded
 
     def budget(self, severity: int) -> float:
         """Return the budget of a severity, in grey levels or in % of the pixels."""
@@ -140,7 +145,7 @@ class Attack(ABC):
     def label(self) -> str:
         """The name with all options that differ from their defaults, as accepted by `load_attack`: `pgd:steps=40`."""
         text = ":".join([self.name, *(f"{option}={value}" for option, value in self.options().items())])
-        return text if norm_of(text) == self.norm else f"{text}:norm={self.norm}"
+        return text if attack_spec(text).norm == self.norm else f"{text}:norm={self.norm}"
 
     @property
     def source(self) -> str:

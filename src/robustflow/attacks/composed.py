@@ -35,6 +35,7 @@ class Transfer(Attack):
     """Attack the same pair on a different model (the surrogate), and evaluate the result on the model under test."""
 
     name: ClassVar[str] = "transfer"
+    above: ClassVar[str] = "transfer_above_white_box"
     needs_gradients: ClassVar[bool] = False
     argument: ClassVar[str] = "on"
     norms: ClassVar[tuple[str, ...]] = NORMS

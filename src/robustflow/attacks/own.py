@@ -18,7 +18,7 @@ from ..core.source_digest import source_digest
 from .ball import Images
 from .base import Attack
 from .problem import Problem
-from .registry import ATTACKS, split_name
+from .registry import ATTACKS, attack_spec
 
 Made = Any
 """The user's attack, as a class or object."""
@@ -75,6 +75,9 @@ class OwnAttack(Attack):
         """A digest of the source files and of the attributes that affect the result."""
         return source_digest(self.made_by_user)
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        return _restored, (_own[self.name], self.options())  # an object of a class may not be picklable
+
     def run(self, problem: Problem, rng: Rng) -> Images:
         run = self.made_by_user.run
         images: Images = called(self.name, "run", lambda: run(problem, rng), read_only="the pair")
@@ -93,18 +96,23 @@ def register_attack(made: Made) -> str:
     return name
 
 
+def _restored(made: Made, options: dict[str, Any]) -> Attack:
+    """Register an attack in a worker process, and return it."""
+    return OwnAttack.of(register_attack(made), **options)
+
+
 def with_target_registered(name: str) -> str:
     """Import an attack given as `module.path:Attribute` and return its name; only for names that a user entered.
 
     >>> with_target_registered("pgd:steps=3")
     'pgd:steps=3'
     """
-    head, argument, options = split_name(name)
-    target = f"{head}:{argument}"
-    if head in ATTACKS or head in _own or not is_target(target):
+    spec = attack_spec(name)
+    target = f"{spec.name}:{spec.argument}"
+    if spec.name in ATTACKS or spec.name in _own or not is_target(target):
         return name
     registered = register_attack(import_target(target, "attack"))
-    return ":".join([registered, *(f"{option}={value}" for option, value in options.items())])
+    return ":".join([registered, *(f"{option}={value}" for option, value in spec.options.items())])
 
 
 def is_own(name: str) -> bool:

@@ -79,6 +79,7 @@ class Fgsm(Attack):
     """A single step of the full budget, from a random pair if the loss has no gradient at the clean one."""
 
     name: ClassVar[str] = "fgsm"
+    above: ClassVar[str] = "fgsm_above_iterative"
     variants: ClassVar[tuple[str, ...]] = ("default", "flowbench")
 
     def run(self, problem: Problem, rng: Rng) -> Images:

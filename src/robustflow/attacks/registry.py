@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 from ..core.errors import UsageError
@@ -40,51 +43,71 @@ NORMS: dict[str, str] = {"random_gauss": "rms", "pcfa": "rms", "random_patch": "
 """The norm of each attack's budget in a run, if it is not "linf"."""
 
 
-def split_name(name: str) -> tuple[str, str, dict[str, str]]:
-    """Split an attack's label into its registered name, the positional part (without "="), and its options.
+@dataclass(frozen=True)
+class AttackSpec:
+    """An attack, as its label describes it; it may be unknown, e.g. a user's attack on another machine.
 
-    >>> split_name("pgd:steps=40:loss=cosine")
-    ('pgd', '', {'steps': '40', 'loss': 'cosine'})
-    >>> split_name("transfer:ptlflow:raft:checkpoint=things")
-    ('transfer', 'ptlflow:raft', {'checkpoint': 'things'})
+    Attributes:
+        name: the registered name.
+        argument: the text after the name that is no option.
+        options: the options as text, by name.
     """
-    head, *parts = name.split(":")
+
+    name: str
+    argument: str
+    options: Mapping[str, str]
+
+    @property
+    def norm(self) -> str:
+        """The norm of the attack's budget."""
+        if "norm" in self.options:
+            return self.options["norm"]
+        if self.name == "transfer" and "attack" in self.options:
+            return attack_spec(self.options["attack"]).norm
+        if self.name == "worst_of" and self.argument:
+            return attack_spec(self.argument.partition("+")[0]).norm
+        return NORMS.get(self.name, "linf")
+
+    @property
+    def control(self) -> str:
+        """The control with the same norm in the same frames.
+
+        >>> attack_spec("pgd").control, attack_spec("pcfa:moved=first").control
+        ('random_sign', 'random_gauss:moved=first')
+        """
+        control = next(one for one in (*CONTROLS, PATCH_CONTROL) if NORMS.get(one, "linf") == self.norm)
+        moved = self.options.get("moved")
+        return f"{control}:moved={moved}" if moved in ("first", "second") else control
+
+    @property
+    def kind(self) -> Any:
+        """The class of the attack (`base.Attack`), imported on first use; None if no package provides it."""
+        return ATTACKS.get(self.name) if self.name in ATTACKS else None
+
+
+@lru_cache(maxsize=4096)
+def attack_spec(label: str) -> AttackSpec:
+    """Parse the label of an attack, the only place that does; imports nothing.
+
+    >>> attack_spec("pgd:steps=40:loss=cosine")
+    AttackSpec(name='pgd', argument='', options={'steps': '40', 'loss': 'cosine'})
+    >>> attack_spec("transfer:ptlflow:raft:checkpoint=things").argument
+    'ptlflow:raft'
+    """
+    head, *parts = label.split(":")
     argument: list[str] = []
     options: dict[str, str] = {}
     for part in parts:
         option, is_option, value = part.partition("=")
         if is_option and option.strip() in options:
-            raise UsageError(option.strip(), f"'{name}' sets this option twice")
+            raise UsageError(option.strip(), f"'{label}' sets this option twice")
         if is_option:
             options[option.strip()] = value.strip()
         elif options:
             options[next(reversed(options))] += f":{part}"  # the value contains a colon
         else:
             argument.append(part.strip())
-    return head.strip(), ":".join(argument), options
-
-
-def norm_of(name: str) -> str:
-    """Return the norm of an attack's budget from its label, without importing the attack."""
-    head, argument, options = split_name(name)
-    if "norm" in options:
-        return options["norm"]
-    if head == "transfer" and "attack" in options:
-        return norm_of(options["attack"])
-    if head == "worst_of" and argument:
-        return norm_of(argument.partition("+")[0])
-    return NORMS.get(head, "linf")
-
-
-def control_of(name: str) -> str:
-    """Return the control with the same norm in the same frames as an attack.
-
-    >>> control_of("pgd"), control_of("pcfa:moved=first")
-    ('random_sign', 'random_gauss:moved=first')
-    """
-    control = next(control for control in (*CONTROLS, PATCH_CONTROL) if norm_of(control) == norm_of(name))
-    moved = split_name(name)[2].get("moved")
-    return f"{control}:moved={moved}" if moved in ("first", "second") else control
+    return AttackSpec(head.strip(), ":".join(argument), options)
 
 
 for _name, _target in _CLASSES.items():

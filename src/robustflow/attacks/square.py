@@ -25,6 +25,7 @@ class Square(Attack):
     """Random search: each query tries a random square in one frame and keeps it if the loss rises."""
 
     name: ClassVar[str] = "square"
+    above: ClassVar[str] = "square_above_white_box"
     needs_gradients: ClassVar[bool] = False
     norms: ClassVar[tuple[str, ...]] = ("linf",)
 

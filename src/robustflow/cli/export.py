@@ -66,7 +66,6 @@ def export(
 
 
 def _export_frames(benchmark: str, given: dict[str, Any]) -> None:
-    from ..corruptions.stack import levels_of
     from ..data.benchmarks import BENCHMARKS, load_benchmark
     from ..data.benchmarks.export import export as write
 
@@ -75,7 +74,7 @@ def _export_frames(benchmark: str, given: dict[str, Any]) -> None:
     arguments, output = run_arguments(given), given["output"] or Path("KITTI-FC")
     opened = load_benchmark(benchmark, given["data"], given["split"], data_options(given))
     chosen = opened.narrowed(arguments["corruptions"], arguments["severities"], given["limit"])
-    levels = {name: levels_of(name, chosen.severities, given["severity_scale"]) for name in chosen.corruptions}
+    levels = {one.name: one.levels(chosen.severities, given["severity_scale"]) for one in chosen.conditions}
     total = len(chosen.keys) * (1 + sum(map(len, levels.values())))
     steps = write(chosen, output, *(given[name] for name in FRAMES if name != "psf_dir"))
     with ProgressBar() as progress:

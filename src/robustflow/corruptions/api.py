@@ -16,10 +16,10 @@ from ..core.plugins import own_name
 from ..core.rng import Rng, check_seed
 from ..core.types import Frame, SceneDepth, check_frame
 from .base import BGR, SCALES, Corruption
+from .condition import Stack, condition_of, with_targets_registered
 from .own import OwnCorruption, own_among, own_corruption, register_custom
 from .registry import CORRUPTIONS, refuse_on_disk
 from .scale import calibrated_severities
-from .stack import Stack, is_stack, parse_stack, split_stack, with_targets_registered
 
 
 class ChannelsReversed(Corruption):
@@ -100,8 +100,8 @@ def load_corruption(
         if type(name).__module__.startswith(_PACKAGE) and isinstance(name, Corruption):
             return name
         return load_corruption(register_custom(name), variant, scale)
-    if is_stack(name):
-        return Stack([(load_corruption(part, variant, scale, classes), level) for part, level in parse_stack(name)])
+    if (condition := condition_of(name)).is_stack:
+        return Stack([(load_corruption(part, variant, scale, classes), level) for part, level in condition.parts])
     refuse_on_disk(name)
     own = own_corruption(name, variant)
     if own is not None:
@@ -141,7 +141,7 @@ def corruption_names(specs: Iterable[str | Corruption | type[Corruption]]) -> tu
     own: dict[str, Any] = {}
     for spec in specs:
         names.append(corruption_name(spec.made if isinstance(spec, OwnCorruption) else spec))
-        for made in own_among(names[-1:]):
+        for made in own_among(condition_of(names[-1]).names):
             loaded: Any = load_corruption(own_name(made))
             first = own.setdefault(loaded.name, loaded)
             if first.made is not loaded.made and first.source != loaded.source:
@@ -292,10 +292,10 @@ def _applied(corruption: Corruption, frames: Iterable[Frame], head: Frame, state
         yield corruption.apply(frame, state, first + number)
 
 
-def user_sources(variant: str = "default", names: Iterable[str] = ()) -> dict[str, Any]:
+def user_sources(corruptions: Iterable[Corruption] = (), variant: str = "default") -> dict[str, Any]:
     """Return identifiers of the user files in use: those of the lenses, and the source of each custom corruption or one
     from an installed package, by name."""
-    parts = {part for name in names for part, _ in split_stack(name)}
-    own = {part: one.source for part in sorted(parts) if (one := own_corruption(part, variant)) is not None}
+    parts = chain.from_iterable(one.parts if isinstance(one, Stack) else (one,) for one in corruptions)
+    own = {part.name: part.source for part in parts if isinstance(part, OwnCorruption)}
     sources = {"psf": load_corruption("psf_blur", variant).source, "corruptions": own}
     return {key: source for key, source in sources.items() if source}

@@ -7,7 +7,7 @@ numbers; `robustflow.testing.check_corruption` performs additional checks (deter
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Collection
 from dataclasses import replace
 from typing import Any
 
@@ -53,6 +53,9 @@ class OwnCorruption(Corruption):
     @property
     def source(self) -> str:
         return source_digest(self.made)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return _restored, (_own.get(self.name, self.made), self.variant)  # an object of a class may not be picklable
 
     def draw(self, rng: Rng, severity: int, shape: tuple[int, int]) -> Any:
         self.parameter(severity)
@@ -102,15 +105,19 @@ def own_corruption(name: str, variant: str) -> OwnCorruption | None:
     return OwnCorruption(_build(corruption, variant) if inspect.isclass(corruption) else corruption, variant)
 
 
+def _restored(made: Made, variant: str) -> OwnCorruption | None:
+    """Register a corruption in a worker process, and return it."""
+    return own_corruption(register_custom(made), variant)
+
+
 def is_known(name: str) -> bool:
     """Return whether this package, an installed package or the user provides a corruption with this name."""
     return name in _own or name in CORRUPTIONS.names()
 
 
-def own_among(names: Iterable[str]) -> tuple[Made, ...]:
-    """Return the user-registered corruptions among the names, including parts of stacks."""
-    parts = {part.partition(":")[0] for name in names for part in name.split("+")}
-    return tuple(made for name, made in _own.items() if name in parts)
+def own_among(names: Collection[str]) -> tuple[Made, ...]:
+    """Return the user-registered corruptions among the names."""
+    return tuple(made for name, made in _own.items() if name in names)
 
 
 def _check_methods(made: Made) -> None:

@@ -28,8 +28,8 @@ from ..core.rng import Rng, check_seed
 from ..core.types import Frame
 from .api import load_corruption
 from .base import Corruption
+from .condition import condition_of
 from .registry import CLIP, IMAGE_PAIR
-from .stack import levels_of, needs_depth, split_stack
 
 Image = npt.NDArray[Any]
 """An image, uint8 or float32 in [0, 1]; RGB (H, W, 3) or grey (H, W) or (H, W, 1)."""
@@ -89,14 +89,14 @@ class CorruptionTransform:
         if isinstance(severities, int):
             raise UsageError("severities", f"{severities} is a number; pass a list, [{severities}]")
         levels = tuple(sorted({check_severity(severity) for severity in severities}))
-        self._choices: list[tuple[Corruption, tuple[int, ...]]] = []
+        self.choices: list[tuple[Corruption, tuple[int, ...]]] = []
         names = DEFAULT_NAMES if names is None else tuple(names)
         for name in names:
             corruption = load_corruption(name, variant, scale)
-            self._choices.append((corruption, _levels(corruption.name, levels, scale)))
-        if not self._choices or not levels:
+            self.choices.append((corruption, _levels(corruption.name, levels, scale)))
+        if not self.choices or not levels:
             raise UsageError("names" if levels else "severities", "nothing to choose from; give at least one")
-        self.names = tuple(corruption.name for corruption, _ in self._choices)
+        self.names = tuple(corruption.name for corruption, _ in self.choices)
         self.severities = levels
         self.probability = probability
         self.seed = check_seed(seed)
@@ -146,7 +146,7 @@ class CorruptionTransform:
     def _corrupt(self, frames: list[Image], rng: Rng) -> list[Image]:
         if rng.uniform() >= self.probability:
             return [frame.copy() for frame in frames]
-        corruption, levels = self._choices[rng.integer(0, len(self._choices))]
+        corruption, levels = self.choices[rng.integer(0, len(self.choices))]
         severity = levels[rng.integer(0, len(levels))]
         state = corruption.draw(rng.spawn("draw"), severity, frames[0].shape[:2])
         return [
@@ -185,12 +185,13 @@ def check_image(image: Image) -> None:
 
 
 def _levels(name: str, levels: tuple[int, ...], scale: str) -> tuple[int, ...]:
-    for part, _ in split_stack(name):
+    condition = condition_of(name)
+    for part in condition.names:
         if part in CLIP:
             raise UsageError(part, "requires an entire clip, so a transform cannot apply it; remove it")
-    if needs_depth(name):
+    if condition.needs_depth:
         raise UsageError(name, "requires depth, which is not available to a transform; remove it")
-    own = levels_of(name, levels, scale)
+    own = condition.levels(levels, scale)
     if levels and not own:
         text = ", ".join(map(str, levels))
         raise UsageError(name, f"does not exist at the severities {text} on the {scale} scale; remove it")
@@ -221,8 +222,11 @@ def _in_format_of(image: Image, frame: Frame, name: str) -> Image:
     """Convert `frame` to the shape and dtype of `image`."""
     out: Image = frame
     if image.ndim == 2 or image.shape[2] == 1:
-        parts = {part for part, _ in split_stack(name)}
         # luma would weaken noise that is independent between channels
-        grey = frame[..., 0] if parts <= _NEUTRAL else cv2.cvtColor(np.ascontiguousarray(frame), cv2.COLOR_RGB2GRAY)
+        grey = (
+            frame[..., 0]
+            if _NEUTRAL.issuperset(condition_of(name).names)
+            else cv2.cvtColor(np.ascontiguousarray(frame), cv2.COLOR_RGB2GRAY)
+        )
         out = np.ascontiguousarray(grey).reshape(image.shape)
     return out.astype(np.float32) / np.float32(255) if image.dtype == np.float32 else out

@@ -70,7 +70,8 @@ def write_examples(run: Run, plan: Plan) -> Generator[str, None, None]:
     make_folder(making)
     try:
         rows = [_row(run.rows, (panel.key, panel.corruption, panel.severity)) for panel in listed.panels]
-        given = (making, plan.job(folder=plan.pictures and run.path), listed, rows)
+        job = plan.of_corruptions(run.manifest.corruptions).job(folder=plan.pictures and run.path)
+        given = (making, job, listed, rows)
         yield from in_child("the example pictures", _draw_files, *given) if suits_a_child(plan) else _draw_files(*given)
         write_json(making / EXAMPLES_FILE, listed.model_dump())
         drop_examples(run.path)

@@ -5,15 +5,15 @@ Attacks that need training are trained once per run, on samples that the run doe
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from ..attacks import Attack, load_attack
 from ..attacks.api import attack_pairs, first_warnings, pair_of_sample
-from ..attacks.base import Learned, Pattern
-from ..attacks.own import register_attack
+from ..attacks.base import Pattern
 from ..attacks.result import Attacked
 from ..attacks.trained import Trained
 from ..core.errors import UsageError
@@ -32,11 +32,6 @@ from .plan import Job, Plan, Unit
 from .stages import Seconds, timed
 from .store import RunFolder
 from .trust import read_array, write_array
-
-
-def attacks_in_run(names: Iterable[str], variant: str) -> dict[str, Attack]:
-    """Return the attacks of a run by name, in the run's variant if available."""
-    return {name: load_attack(name).with_variant(variant) for name in names}
 
 
 def training_keys(attack: Attack, benchmark: Benchmark, seed: int) -> tuple[str, ...]:
@@ -68,10 +63,10 @@ def training_digest(attack: Attack, benchmark: Benchmark, seed: int) -> str:
     return digest_of_value([list(keys), digests])
 
 
-def learned_patterns(folder: RunFolder, plan: Plan, units: Sequence[Unit]) -> Learned:
-    """Return the perturbations that the units need, read from the run folder if intact, else trained and stored."""
-    attacks = attacks_in_run(plan.benchmark.attacks, plan.config.frames.variant)
-    trained = {name: one.training(plan.model.model) for name, one in attacks.items()}
+def trained_attacks(folder: RunFolder, plan: Plan, units: Sequence[Unit]) -> dict[str, Attack]:
+    """Return a plan's attacks with the perturbations that the units need, read from the run folder if intact, else
+    trained and stored."""
+    trained = {name: one.training(plan.model.model) for name, one in plan.attacks.items()}
     learned: dict[str, dict[int, Pattern]] = {}
     for name, severity in sorted({(unit.corruption, level) for unit in units for level in unit.severities}):
         for label, (attack, on) in trained.get(name, {}).items():
@@ -83,7 +78,7 @@ def learned_patterns(folder: RunFolder, plan: Plan, units: Sequence[Unit]) -> Le
                 path.parent.mkdir(exist_ok=True)
                 write_array(path, pattern, made_of)
             learned.setdefault(label, {})[severity] = pattern
-    return learned
+    return {name: one.with_learned(learned) for name, one in plan.attacks.items()}
 
 
 def _trained(attack: Trained, plan: Plan, model: AnyModel, severity: int) -> Pattern:
@@ -98,11 +93,7 @@ def _trained(attack: Trained, plan: Plan, model: AnyModel, severity: int) -> Pat
 
 class AttackStage:
     def __init__(self, model: AnyModel, job: Job, seconds: Seconds, on_predict: Callable[[str | None], None]) -> None:
-        self.names = job.attacks
-        for made in job.own_attacks:
-            register_attack(made)
-        attacks = attacks_in_run(job.attacks, job.frames.variant)
-        self._attacks = {name: one.with_learned(job.learned) for name, one in attacks.items()}
+        self.attacks = job.attacks
         self._model = model
         self._seed = job.frames.seed
         self._seconds = seconds
@@ -113,7 +104,7 @@ class AttackStage:
         """Return the attacked pairs for the cells of one attack, the same as those of `robustflow.attack`."""
         cells = [cell for _, _, cell in targets]
         name = cells[0][1]
-        attack = self._attacks[name]
+        attack = self.attacks[name]
         with timed(self._seconds, "attack"):
             if self._warnings is None:
                 self._warnings = self._warnings_of_model(targets[0][0])
@@ -158,17 +149,21 @@ class AttackStage:
         return warnings
 
 
-def check_attacks(benchmark: Benchmark, seed: int, variant: str, model: AnyModel) -> dict[str, str]:
-    names = benchmark.attacks
-    if names and (not isinstance(model, FlowModel) or hasattr(model, "predict_clip")):
+def with_attacks(plan: Plan) -> Plan:
+    """Load the attacks of a plan, in the run's variant if available; raise a UsageError if they do not suit it."""
+    benchmark, frames, model = plan.benchmark, plan.config.frames, plan.model.model
+    if not isinstance(model, FlowModel) or hasattr(model, "predict_clip"):
         raise UsageError("--attacks", "attacks require a two-frame model; omit it")
-    attacks = attacks_in_run(names, variant)
-    if variant not in (*VARIANTS, BGR) and all(one.label == name for name, one in attacks.items()):
-        raise UsageError(variant, "unknown variant: neither the corruptions nor the attacks of this run support it")
+    attacks = {name: load_attack(name).with_variant(frames.variant) for name in benchmark.attacks}
+    if frames.variant not in (*VARIANTS, BGR) and all(one.label == name for name, one in attacks.items()):
+        raise UsageError(
+            frames.variant, "unknown variant: neither the corruptions nor the attacks of this run support it"
+        )
     for one in attacks.values():
         one.check(model)
     sources = {
-        name: [one.source, *(training_digest(part, benchmark, seed) for part, _ in one.training(model).values())]
+        name: [one.source, *(training_digest(part, benchmark, frames.seed) for part, _ in one.training(model).values())]
         for name, one in attacks.items()
     }
-    return {name: " ".join(filter(None, digests)) for name, digests in sources.items() if any(digests)}
+    used = {name: " ".join(filter(None, digests)) for name, digests in sources.items() if any(digests)}
+    return replace(plan, attacks=attacks, attack_sources=used)

@@ -14,7 +14,6 @@ import polars as pl
 from pydantic import AfterValidator, Field
 
 from ..core.types import Untrusted
-from ..corruptions.stack import levels_of
 from ..metrics.rows import CLEAN
 from .identity import Text
 
@@ -135,16 +134,6 @@ def merged_levels(
     {'fog': (1, 3), 'snow': (2,)}
     """
     return {name: tuple(sorted({*one.get(name, ()), *other.get(name, ())})) for name in {**one, **other}}
-
-
-def lacking_levels(name: str, severities: Sequence[int], scale: str) -> tuple[int, ...]:
-    """Return those of a corruption's severities that do not exist on a severity scale.
-
-    >>> lacking_levels("saturate", (1, 5), "calibrated"), lacking_levels("saturate", (1, 5), "paper")
-    ((5,), ())
-    """
-    exist = levels_of(name, tuple(severities), scale)
-    return tuple(level for level in severities if level not in exist)
 
 
 def left_out_sentence(left_out: Mapping[str, Sequence[int]]) -> str:

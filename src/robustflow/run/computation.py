@@ -16,7 +16,6 @@ import numpy as np
 from ..core.errors import ModelError
 from ..core.text import counted
 from ..core.types import Flow, Frame, Mask, Sample
-from ..corruptions.stack import truth_under
 from ..metrics.confidence import STEPS, confidence_correlation, forward_backward, sparsification
 from ..metrics.error_maps import epe_map, error_sum
 from ..metrics.photometric import Misread, misread, misread_truth
@@ -111,8 +110,7 @@ class Computation:
 
     def __init__(self, job: Job, seconds: Seconds) -> None:
         self.frames = FrameStage(job, seconds)
-        self._truths = dict.fromkeys((CLEAN, *job.attacks), "unchanged")
-        """What a corruption or an attack leaves of the ground truth (`Corruption.truth`), by name."""
+        self._corruptions = job.corruptions
         self._options = job.measuring
         self._folder = None if job.folder is None else RunFolder(job.folder)
         self._kept, self._first = job.kept, job.first
@@ -202,9 +200,7 @@ class Computation:
     def row(self, opened: OpenSample, answer: Answer, digest: str, cell: Cell) -> dict[str, Any]:
         """Measure the flow of a cell, whose frames have this digest."""
         _, corruption, severity = cell
-        if corruption not in self._truths:
-            self._truths[corruption] = truth_under(corruption)
-        truth = self._truths[corruption]
+        truth = self._corruptions[corruption].truth if corruption in self._corruptions else "unchanged"
         sample, regions = opened.sample, opened.regions
         if truth != "unchanged":
             sample, regions = sample.without_truth(), None

@@ -23,7 +23,7 @@ from typing import Any
 import polars as pl
 
 from ..core.errors import DataError, RunError
-from ..corruptions.stack import needs_depth
+from ..corruptions.condition import condition_of
 from ..data.benchmarks.facts import moving_name
 from ..data.datasets.base import OWN_FRAMES, Depths, FromClips, PreCorrupted
 from ..metrics.photometric import Misread, Reading
@@ -73,9 +73,9 @@ def compute_missing(folder: RunFolder, plan: Plan, engine: Engine, progress: Pro
         first=next((unit.key for unit in units if unit.corruption == CLEAN), None),
     )
     if job.attacks:
-        from .attack_stage import learned_patterns
+        from .attack_stage import trained_attacks
 
-        job = replace(job, learned=learned_patterns(folder, plan, units))
+        job = replace(job, attacks=trained_attacks(folder, plan, units))
     del cells
     if units and isinstance(progress, TerminalProgress):
         progress.engine(engine.describe(units))
@@ -197,7 +197,7 @@ def _compare_with_list(plan: Plan, digests: dict[Path, str]) -> None:
 def _files(plan: Plan, keys: Iterable[str], manifest: Manifest) -> dict[str, list[Path]]:
     """Return the files of samples, with those of their depth if the plan, or the run that it continues, reads depth."""
     depths: Depths | None = None
-    if any(map(needs_depth, (*manifest.corruptions, *plan.benchmark.corruptions))):
+    if any(one.needs_depth for one in (*map(condition_of, manifest.corruptions), *plan.benchmark.conditions)):
         depths = plan.benchmark.depths
     return {key: files_of_sample(plan.benchmark.dataset, key, plan.window, depths) for key in keys}
 

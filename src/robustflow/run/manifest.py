@@ -8,9 +8,9 @@ from typing import Annotated, Any, Literal
 
 from pydantic import ConfigDict, Field, JsonValue, model_validator
 
-from ..attacks.registry import SHIPPED, split_name
+from ..attacks.registry import SHIPPED, attack_spec
 from ..core.types import Untrusted
-from ..corruptions.stack import levels_of
+from ..corruptions.condition import condition_of
 from ..data.benchmarks.setting import Provenance, provenance_of
 from ..metrics.rows import ROW_SCHEMA_VERSION
 from ..models.provenance import Training
@@ -109,7 +109,7 @@ class Manifest(Untrusted):
             frozenset((*levels, *self.left_out.get(name, ())))
             for part in self.planned
             for name, levels in (*part.corruptions.items(), *(part.attacks.items() if attacks else ()))
-            if name in part.attacks or not levels_of(name, ())
+            if name in part.attacks or condition_of(name).fixed_severity is None
         }
 
     def document(self) -> bytes:
@@ -173,7 +173,7 @@ class Manifest(Untrusted):
 
 def _without_own_attacks(parts: Iterable[Cells]) -> tuple[Cells, ...]:
     return union(
-        part.model_copy(update={"attacks": {k: v for k, v in part.attacks.items() if split_name(k)[0] in SHIPPED}})
+        part.model_copy(update={"attacks": {k: v for k, v in part.attacks.items() if attack_spec(k).name in SHIPPED}})
         for part in parts
     )
 

@@ -4,22 +4,21 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from collections.abc import Set as AbstractSet
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ..attacks.registry import ATTACK_VERSION
 from ..core.errors import UsageError
 from ..core.types import Flow, Frame
-from ..corruptions.api import STREAM_VERSION, user_sources
+from ..corruptions.api import STREAM_VERSION, load_corruption, user_sources
 from ..corruptions.base import BGR, VARIANTS, Corruption
-from ..corruptions.own import own_among
-from ..corruptions.stack import levels_of
+from ..corruptions.registry import ON_DISK
 from ..data.benchmarks.base import Benchmark
 from ..data.datasets.base import Dataset, Depths
 from ..data.datasets.clips import window_on
@@ -28,9 +27,12 @@ from ..models import ModelSpec
 from ..models.base import AnyModel, FlowLookup, Window, given_name, model_identity
 from ..models.loading import as_model
 from ..models.provenance import DECLARED, UNDECLARED, Training, training_of
-from .cells import Cell, Cells, lacking_levels
+from .cells import Cell, Cells
 from .config import DEFAULTS, FrameOptions, MeasuringOptions, RunConfig
 from .identity import IDENTITY_VERSION, FrameIdentity, Identity, Measuring, ModelIdentity, recorded_scale
+
+if TYPE_CHECKING:
+    from ..attacks import Attack
 
 
 @dataclass(frozen=True)
@@ -114,18 +116,12 @@ class Job:
     measuring: MeasuringOptions = DEFAULTS.measuring
     window: Window | None = None
     """The frames around each pair that a multi-frame model receives; None for a two-frame model."""
-    classes: Mapping[str, type[Corruption]] = field(default_factory=dict)
-    """Corruption classes by name, see `Benchmark.classes`."""
-    own: tuple[Any, ...] = ()
-    """The user's corruptions, classes or objects, to register in worker processes (see `corruptions.own`)."""
+    corruptions: Mapping[str, Corruption] = field(default_factory=dict)
+    """The corruptions by name, without those that exist only as files."""
     depth: Depths | None = None
     """The source of depth for corruptions that need it; None if there is no depth."""
-    attacks: tuple[str, ...] = ()
-    """The conditions that are attacks on the model; the others are corruptions."""
-    own_attacks: tuple[Any, ...] = ()
-    """The user's attacks, like `own` (see `attacks.own`)."""
-    learned: Mapping[str, Mapping[int, Any]] = field(default_factory=dict)
-    """Trained perturbations by attack and severity."""
+    attacks: Mapping[str, Attack] = field(default_factory=dict)
+    """The attacks on the model by name, with the perturbations that they were trained to make."""
     batch_size: int = 1
     folder: Path | None = None
     """The run's folder, in which clean flows are stored between units; None to store none."""
@@ -138,6 +134,15 @@ class Job:
     """The sample whose clean flow is tested for a wrong format."""
 
 
+def load_corruptions(benchmark: Benchmark, frames: FrameOptions) -> dict[str, Corruption]:
+    """Load a benchmark's corruptions by name, without those that exist only as files."""
+    return {
+        name: load_corruption(name, frames.variant, frames.severity_scale, benchmark.classes)
+        for name in benchmark.corruptions
+        if not (benchmark.closed and name in ON_DISK)
+    }
+
+
 @dataclass(frozen=True)
 class Plan:
     """A benchmark, a model and the options of a run."""
@@ -145,6 +150,10 @@ class Plan:
     benchmark: Benchmark
     model: NamedModel = NO_MODEL
     config: RunConfig = DEFAULTS
+    corruptions: Mapping[str, Corruption] = field(default_factory=dict)
+    """See `load_corruptions`."""
+    attacks: Mapping[str, Attack] = field(default_factory=dict)
+    """The attacks by name."""
     attack_sources: Mapping[str, str] = field(default_factory=dict)
     """Digests, by attack, of everything except its name that affects it."""
     name: str | None = None
@@ -157,24 +166,22 @@ class Plan:
         """The frames around each pair that a multi-frame model receives; None for a two-frame model."""
         return window_on(self.model.model, self.benchmark.dataset)
 
+    def of_corruptions(self, names: Iterable[str]) -> Plan:
+        """Return the plan with other corruptions."""
+        benchmark = replace(self.benchmark, corruptions=tuple(names))
+        return replace(self, benchmark=benchmark, corruptions=load_corruptions(benchmark, self.config.frames))
+
     def job(self, **of_run: Any) -> Job:
         """Return what a worker needs, with the given fields of `Job`, which depend on the run's folder."""
-        chosen, own_attacks = self.benchmark, ()
-        if chosen.attacks:
-            from ..attacks.own import own_attacks_among
-
-            own_attacks = own_attacks_among(chosen.attacks)
         return Job(
-            dataset=chosen.dataset,
+            dataset=self.benchmark.dataset,
             model=self.model,
             frames=self.config.frames,
             measuring=self.config.measuring,
             window=self.window,
-            classes=chosen.classes,
-            own=own_among(chosen.corruptions),
-            depth=chosen.depths,
-            attacks=chosen.attacks,
-            own_attacks=own_attacks,
+            corruptions=self.corruptions,
+            depth=self.benchmark.depths,
+            attacks=self.attacks,
             batch_size=self.config.compute.batch_size,
             pictures=self.pictures,
             **of_run,
@@ -192,7 +199,7 @@ class Plan:
     def cells(self) -> Cells:
         """Return the cells of a complete run."""
         chosen, scale = self.benchmark, self.config.frames.severity_scale
-        levels = {name: levels_of(name, chosen.severities, scale) for name in chosen.corruptions}
+        levels = {one.name: one.levels(chosen.severities, scale) for one in chosen.conditions}
         return Cells(
             samples=tuple(chosen.keys),
             corruptions={name: of_name for name, of_name in levels.items() if of_name},
@@ -201,9 +208,10 @@ class Plan:
 
     def left_out(self) -> dict[str, tuple[int, ...]]:
         """Return the requested severities that do not exist on the severity scale, by corruption."""
-        asked, scale = self.benchmark.severities, self.config.frames.severity_scale
-        lacking = {name: lacking_levels(name, levels_of(name, asked), scale) for name in self.benchmark.corruptions}
-        return {name: levels for name, levels in lacking.items() if levels}
+        chosen, planned = self.benchmark, self.cells().corruptions
+        asked = {one.name: one.levels(chosen.severities) for one in chosen.conditions}
+        left = {name: tuple(at for at in levels if at not in planned.get(name, ())) for name, levels in asked.items()}
+        return {name: levels for name, levels in left.items() if levels}
 
     def missing(self, existing: AbstractSet[Cell]) -> list[Unit]:
         """Return the planned units that are not done yet."""
@@ -232,7 +240,7 @@ class Plan:
                 attacks=ATTACK_VERSION,
                 depth=chosen.own_depth.digest if chosen.own_depth is not None else None,
                 attack_sources=dict(self.attack_sources),
-                **user_sources(variant, chosen.corruptions),
+                **user_sources(self.corruptions.values(), variant),
             ),
             model=ModelIdentity(
                 settings=_json_types(self.model.identity),

@@ -18,6 +18,7 @@ import polars as pl
 from ..core.errors import RunError, UsageError
 from ..core.rng import Rng
 from ..core.text import plain
+from ..metrics.rows import CLEAN
 from ..models import ModelSpec
 from ..models.base import describe_cell
 from .config import MeasuringOptions
@@ -46,12 +47,13 @@ def recheck(
     if count < 1:
         raise UsageError("--check-frames", f"the number of rows to check must be at least 1; got {count}")
     seed = int.from_bytes(os.urandom(4)) if seed is None else seed
-    plan = recorded_plan(identity, data, options or {}, NO_MODEL if model is None else name_model(model))
+    named, corruptions = NO_MODEL if model is None else name_model(model), set(rows["corruption"]) - {CLEAN}
+    plan = recorded_plan(identity, sorted(corruptions), data, options or {}, named)
     if model is not None:
-        here, named = plan.identity.model.settings, identity.model.settings
+        here, recorded = plan.identity.model.settings, identity.model.settings
         for key in ("name", "object", "checkpoint"):
-            if here.get(key) != named.get(key):
-                what = plain(f"the run has {named.get(key)}, --model {here.get(key)}", 300)
+            if here.get(key) != recorded.get(key):
+                what = plain(f"the run has {recorded.get(key)}, --model {here.get(key)}", 300)
                 raise RunError(f"{key} of the model", f"{what}; give the model and the weights of the run")
     measuring = MeasuringOptions(allow_invalid=True, draws=1 if model is None else identity.measuring.draws)
     drawn = np.argsort(Rng.of(seed, "recheck").uniforms(rows.height), kind="stable")[:count]

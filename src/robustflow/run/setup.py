@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -10,10 +10,8 @@ from typing import Any
 from ..core.arguments import check_count
 from ..core.errors import RobustFlowError, RunError, UsageError
 from ..core.text import plain
-from ..corruptions import load_corruption
 from ..corruptions.base import BGR, VARIANTS
 from ..corruptions.own import is_known
-from ..corruptions.registry import ON_DISK
 from ..data.benchmarks import BENCHMARKS, Benchmark, benchmark_facts, load_benchmark
 from ..data.benchmarks.facts import check_still, is_still, moving_name
 from ..data.benchmarks.registry import check_keys
@@ -25,7 +23,7 @@ from ..models.confidence import check_confidence
 from .cells import left_out_sentence
 from .config import DEFAULTS, MeasuringOptions, RunConfig
 from .identity import FrameIdentity, Identity, checked_name, difference, differing_fields
-from .plan import NO_MODEL, NamedModel, Plan, name_model
+from .plan import NO_MODEL, NamedModel, Plan, load_corruptions, name_model
 from .run import Run
 from .source import RunSource
 
@@ -37,9 +35,7 @@ def set_up(
 ) -> Plan:
     """Check a request and load its model, without computing anything."""
     frames, measuring = config.frames, config.measuring
-    for corruption in benchmark.corruptions:
-        if not benchmark.closed or corruption not in ON_DISK:
-            load_corruption(corruption, frames.variant, frames.severity_scale)
+    corruptions = load_corruptions(benchmark, frames)  # fails before the model is loaded, which may take long
     if benchmark.closed and frames.severity_scale != "paper":
         raise UsageError("--severity-scale", "these frames were corrupted beforehand; omit it")
     named = model if isinstance(model, NamedModel) else name_model(model)
@@ -51,15 +47,14 @@ def set_up(
     if measuring.draws > 1 and measuring.confidence is not None:
         raise UsageError("--confidence", "a run measures either it or the spread over --seeds; omit one of the two")
     _check_batch_size(config.compute.batch_size, named.model)
-    attack_sources: Mapping[str, str] = {}
+    name = named.name if config.output.name is None else config.output.name
+    plan = Plan(benchmark, named, config, corruptions, name=name if name is None else checked_name(name))
     if benchmark.attacks:
-        from .attack_stage import check_attacks
+        from .attack_stage import with_attacks
 
-        attack_sources = check_attacks(benchmark, frames.seed, frames.variant, named.model)
+        plan = with_attacks(plan)
     elif frames.variant not in (*VARIANTS, BGR):
         raise UsageError(frames.variant, f"unknown variant; choose from {', '.join((*VARIANTS, BGR))}")
-    name = named.name if config.output.name is None else config.output.name
-    plan = Plan(benchmark, named, config, attack_sources, name if name is None else checked_name(name))
     window = plan.window
     if benchmark.depth_to_read() is not None and window is not None:
         needed = window.before + 2 + window.after
@@ -87,7 +82,7 @@ def restore_plan(run: Run, source: RunSource) -> Plan:
     except RobustFlowError as error:
         raise RunError(run.path, f"its model can no longer be loaded: {error}") from error
     check_confidence(identity.measuring.confidence, named.model)
-    plan = recorded_plan(identity, source.data, source.data_options, named)
+    plan = recorded_plan(identity, run.manifest.corruptions, source.data, source.data_options, named)
     if plan.identity != identity:
         differing = difference(plan.identity, identity)
         raise RunError(run.path, f"the setup differs from the run's in: {differing}; use its options")
@@ -95,10 +90,14 @@ def restore_plan(run: Run, source: RunSource) -> Plan:
 
 
 def recorded_plan(
-    identity: Identity, data: str | Path | None, data_options: dict[str, Any], model: NamedModel = NO_MODEL
+    identity: Identity,
+    corruptions: Iterable[str],
+    data: str | Path | None,
+    data_options: dict[str, Any],
+    model: NamedModel = NO_MODEL,
 ) -> Plan:
-    """Return the plan of a run from its identity, without its attacks, which are not repeated. The frames have to be
-    the same, but the model may be different, or absent."""
+    """Return the plan of some of a run's corruptions from its identity, without its attacks, which are not repeated.
+    The frames have to be the same, but the model may be different, or absent."""
     recorded = identity.frames
     benchmark = _benchmark_of(recorded, data, data_options)
     if unknown := [name for name in recorded.corruptions if not is_known(name)]:
@@ -106,11 +105,9 @@ def recorded_plan(
         raise RunError(plain(unknown[0]), why)
     # invalid pixels depend on the model, which may be absent
     measuring = MeasuringOptions(allow_invalid=True) if model is NO_MODEL else identity.measuring.options
-    plan = Plan(
-        replace(benchmark, corruptions=tuple(recorded.corruptions)),
-        model,
-        RunConfig(frames=recorded.options, measuring=measuring),
-        recorded.attack_sources,
+    config = RunConfig(frames=recorded.options, measuring=measuring)
+    plan = Plan(benchmark, model, config, attack_sources=recorded.attack_sources).of_corruptions(
+        dict.fromkeys((*corruptions, *recorded.corruptions))
     )
     if differing := differing_fields(made := plan.identity.frames, recorded):
         parts = [f"{getattr(recorded, name)}, here {getattr(made, name)}" for name in differing]

@@ -16,9 +16,8 @@ import numpy as np
 from ..core.errors import DataError, RunError, UsageError, first_line
 from ..core.files import quick_digest_of_bytes, write_bytes
 from ..core.types import Flow, Frame, Sample, SceneDepth
-from ..corruptions.api import corrupt_clip, load_corruption
+from ..corruptions.api import corrupt_clip
 from ..corruptions.base import Corruption
-from ..corruptions.own import register_custom
 from ..corruptions.registry import SHIPPED
 from ..data.datasets.base import Clips, PreCorrupted
 from ..data.datasets.clips import ContextFrames
@@ -125,9 +124,6 @@ class FrameStage:
         if job.window is not None:
             assert isinstance(job.dataset, Clips)
             self._context = ContextFrames(job.dataset, job.window)
-        for made in job.own:
-            register_custom(made)
-        self._corruptions: dict[str, Corruption] = {}
         self._repeated: set[str] = set()
         """The user's corruptions and stacks that are known to return the same frames on every call."""
         self._last_depth: tuple[str, SceneDepth] | None = None
@@ -169,20 +165,17 @@ class FrameStage:
         return PredictionRequest(cell, tuple(chain.from_iterable(draws)), place, len(draws))
 
     def _corrupted(self, sample: Sample, name: str, severity: int, seed: int) -> tuple[Frame, ...]:
-        options = self._job.frames
         with memory_errors_named(describe_cell(sample.key, name, severity)), timed(self._seconds, "corrupt"):
             # precomputed corrupted frames have the paper's severities
-            paper = options.severity_scale == "paper"
+            paper = self._job.frames.severity_scale == "paper"
             if paper and isinstance(self._dataset, PreCorrupted) and self._dataset.has_corrupted(name):
                 made = self._dataset if self._context is None else self._context
                 return made.corrupted(sample.key, name, severity)
-            if name not in self._corruptions:
-                classes = self._job.classes
-                self._corruptions[name] = load_corruption(name, options.variant, options.severity_scale, classes)
-            frames = self._applied(sample, self._corruptions[name], severity, seed)
+            corruption = self._job.corruptions[name]
+            frames = self._applied(sample, corruption, severity, seed)
             if name not in SHIPPED and name not in self._repeated:
                 self._repeated.add(name)
-                again = self._applied(sample, self._corruptions[name], severity, seed)
+                again = self._applied(sample, corruption, severity, seed)
                 if not all(map(np.array_equal, frames, again)):
                     raise UsageError(
                         name,

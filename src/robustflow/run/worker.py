@@ -101,7 +101,7 @@ class Worker:
 
     def run(self, unit: Unit) -> FinishedUnit:
         """Compute a unit; its rows are in the order of its severities."""
-        if self._attacks is not None and unit.corruption in self._attacks.names:
+        if self._attacks is not None and unit.corruption in self._attacks.attacks:
             return self.run_attack([unit])[0]
         place = _ThisThread(unit, self._model)
         compute_units(self._computation, place)

@@ -11,7 +11,7 @@ from typing import Any
 import polars as pl
 
 from ..attacks.ball import GREY_LEVELS
-from ..attacks.registry import control_of, norm_of
+from ..attacks.registry import attack_spec
 from ..attacks.result import EXPLAINED, LOWER_BOUND
 from ..metrics.cube import AVERAGE, Cube
 from ..metrics.measures import ATTACK, MEASURES, METRICS
@@ -23,16 +23,6 @@ from .estimate import cubes_of, estimate, scopes_of
 from .exclusion import exclusions
 from .ranking import rank_correlation
 
-WHITE_BOX = ("bim", "pgd", "cospgd", "apgd")
-"""Iterative gradient-based attacks, which a gradient-free attack should not outperform."""
-
-_BEATEN = {
-    "fgsm": "fgsm_above_iterative",
-    "square": "square_above_white_box",
-    "transfer": "transfer_above_white_box",
-}
-"""Attack -> key in `BESIDE_OTHERS` of the warning given to white-box attacks that are weaker than this attack."""
-
 AttackScore = dict[str, Any]
 """The numbers of one attack at one severity: `attack`, `severity`, `norm`, `budget`, `samples`, the metrics, the
 measures of `ATTACK` without their prefix, `gain` over noise, `seconds` per pair, and `warnings`: key -> pairs."""
@@ -43,7 +33,7 @@ def attack_scores(run: Run) -> list[AttackScore]:
     rows, scores = run.attack_rows, []
     known = Cube.of(rows).means(MEASURES | ATTACK) if run.attacks else {}
     for name in run.attacks:
-        norm, spent = norm_of(name), _seconds(run, name)
+        norm, spent = attack_spec(name).norm, _seconds(run, name)
         for (severity,), part in (
             rows.filter(corruption=name).sort("severity").group_by("severity", maintain_order=True)
         ):
@@ -83,27 +73,23 @@ def compared(scores: Sequence[AttackScore]) -> list[AttackScore]:
     by_cell = {(score["attack"], score["severity"]): strength(score) for score in scores}
     out = []
     for score in scores:
-        control, error = control_of(score["attack"]), strength(score)
-        noise = None if control == score["attack"] else by_cell.get((control, score["severity"]))
+        spec, error = attack_spec(score["attack"]), strength(score)
+        noise = None if spec.control == score["attack"] else by_cell.get((spec.control, score["severity"]))
         warnings = dict(score["warnings"])
-        if _head(score) in WHITE_BOX and score["way_gone"] is None:
-            stronger = (_head(one) for one in scores if _is_stronger(one, score) and one["way_gone"] is None)
-            warnings |= {_BEATEN[name]: score["samples"] for name in stronger if name in _BEATEN}
+        if spec.kind is not None and spec.kind.needs_gradients and not spec.kind.above and score["way_gone"] is None:
+            stronger = (one for one in scores if _is_stronger(one, score) and one["way_gone"] is None)
+            kinds = (attack_spec(one["attack"]).kind for one in stronger)
+            warnings |= {kind.above: score["samples"] for kind in kinds if kind is not None and kind.above}
         gain = None if error is None or noise is None else error - noise
         out.append({**score, "gain": gain, "warnings": warnings})
     return out
 
 
-def _head(score: AttackScore) -> str:
-    """The name of the attack without its options."""
-    return str(score["attack"]).partition(":")[0]
-
-
 def _is_stronger(one: AttackScore, other: AttackScore) -> bool:
     """Whether `one` is stronger than `other` at the same budget, in the same frames."""
-    alike = (control_of(one["attack"]), one["severity"]) == (control_of(other["attack"]), other["severity"])
+    controls = [(attack_spec(score["attack"]).control, score["severity"]) for score in (one, other)]
     first, second = strength(one), strength(other)
-    return alike and first is not None and second is not None and first > second
+    return controls[0] == controls[1] and first is not None and second is not None and first > second
 
 
 def budget_at_double(scores: Sequence[AttackScore], attack: str, clean: float | None) -> float | None:

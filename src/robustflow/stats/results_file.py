@@ -20,8 +20,8 @@ from ..core.errors import DataError, UsageError
 from ..core.files import read_bounded
 from ..core.paths import user_path
 from ..core.text import text_cell
+from ..corruptions.condition import condition_of
 from ..corruptions.registry import MEMBERS, ON_DISK
-from ..corruptions.stack import parse_stack
 from .frame import given_frame, line_by_line
 from .results import AVERAGE, CLEAN, RESULT_METRICS
 
@@ -117,7 +117,7 @@ def _share(text: str, where: str) -> float | None:
 def _check_corruption(name: str, where: str) -> None:
     if name not in (CLEAN, AVERAGE, *ELSEWHERE) and name not in ON_DISK:
         try:
-            parse_stack(name)
+            condition_of(name).check()
         except UsageError as error:
             raise DataError(where, f"{error}") from None
 

@@ -9,7 +9,6 @@ from typing import Any
 
 from ..core.errors import UsageError
 from ..core.rng import check_seed
-from ..corruptions.stack import truth_under
 from ..corruptions.transform import CorruptionTransform
 from .recipe import Recipe
 
@@ -34,7 +33,7 @@ class DataPlan:
         if not self.corruptions:
             return None
         transform = CorruptionTransform(list(self.corruptions), probability=self.probability, seed=seed)
-        if moving := [name for name in transform.names if truth_under(name) == "none"]:
+        if moving := [corruption.name for corruption, _ in transform.choices if corruption.truth == "none"]:
             raise UsageError("--corrupt", f"{moving[0]}: it moves content, so the ground truth would be wrong; omit it")
         return transform
 

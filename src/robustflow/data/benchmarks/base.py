@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from numbers import Real
 from typing import TYPE_CHECKING, Any
 
@@ -11,8 +12,8 @@ from ...core.arguments import check_count, check_severity
 from ...core.errors import UsageError, unknown_name
 from ...core.paths import VIDEO_SUFFIXES
 from ...corruptions import CLIP, SEVERITIES, Corruption, corruption_names, load_corruption
+from ...corruptions.condition import Condition, condition_of
 from ...corruptions.registry import ON_DISK, with_families
-from ...corruptions.stack import needs_depth, split_stack
 from ..datasets.base import Dataset, Depths, PreCorrupted, no_depth
 from ..datasets.continuity import continuous
 from ..datasets.own import OwnDepth
@@ -57,6 +58,11 @@ class Benchmark:
     facts: BenchmarkFacts = NEUTRAL
     own_depth: OwnDepth | None = None
 
+    @cached_property
+    def conditions(self) -> tuple[Condition, ...]:
+        """Return the corruptions as their names describe them."""
+        return tuple(map(condition_of, self.corruptions))
+
     @property
     def depths(self) -> Depths | None:
         """Return the source of depth for the samples, or None if there is no depth."""
@@ -71,7 +77,7 @@ class Benchmark:
             UsageError: the data have no depth, or the user gave depth maps that no corruption needs.
             DataError: a depth file is missing.
         """
-        wanting = next((name for name in self.corruptions if needs_depth(name)), None)
+        wanting = next((one.name for one in self.conditions if one.needs_depth), None)
         if wanting is None:
             if self.own_depth is not None:
                 raise UsageError("--depth", "none of the corruptions needs depth; choose one that does, or omit it")
@@ -109,8 +115,9 @@ class Benchmark:
         chosen = corruption_names(with_families(asked, self.corruptions))
         for name in chosen:
             if name not in self.corruptions and not (self.closed and name in ON_DISK):
-                load_corruption(name)
-                self._refuse_clip_corruption(name)
+                condition = condition_of(name)
+                condition.check()
+                self._refuse_clip_corruption(condition)
         named = self.severities if severities is None else _several("severities", severities)
         levels = tuple(sorted({check_severity(level) for level in named}))
         if self.closed and not (set(chosen) <= set(self.corruptions) and set(levels) <= set(self.severities)):
@@ -154,11 +161,11 @@ class Benchmark:
             raise UsageError("--subset", f"{self.name} has no quick subset; name fewer --corruptions or --severities")
         return self.narrowed(self.facts.quick.corruptions, self.facts.quick.severities)
 
-    def _refuse_clip_corruption(self, name: str) -> None:
-        parts = [part for part, _ in split_stack(name)]
-        if set(parts).isdisjoint(CLIP) or (isinstance(self.dataset, PreCorrupted) and self.dataset.has_corrupted(name)):
+    def _refuse_clip_corruption(self, condition: Condition) -> None:
+        name, data = condition.name, self.dataset
+        if not {*CLIP} & {*condition.names} or (isinstance(data, PreCorrupted) and data.has_corrupted(name)):
             return
-        if len(parts) > 1:
+        if len(condition.parts) > 1:
             raise UsageError(name, "a corruption of the whole clip cannot be stacked")
         videos = [file for file in self.dataset.files(self.keys[0]) if file.suffix.lower() in VIDEO_SUFFIXES]
         video = f" --data {videos[0]}" if videos else ", which also accepts a video file"

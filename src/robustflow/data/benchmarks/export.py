@@ -19,7 +19,6 @@ from ...core.types import Frame, Sample
 from ...corruptions import corrupt_clip, load_corruption
 from ...corruptions.api import STREAM_VERSION, user_sources
 from ...corruptions.scale import calibration_digest
-from ...corruptions.stack import levels_of
 from ...media.flow import write_flow
 from ...media.images import read_image, write_image
 from ..datasets.released import DISK_NAMES
@@ -52,7 +51,7 @@ def export(
     truth = NON_OCCLUDED if NON_OCCLUDED.items() <= benchmark.protocol.items() else {}
     if nested := [key for key in benchmark.keys if "/" in key or key.startswith(".")]:
         raise DataError(nested[0], "the KITTI layout has no subfolders, so a sample of this name cannot be written")
-    _claim(output, settings | scale | own | truth | user_sources(variant, benchmark.corruptions))
+    _claim(output, settings | scale | own | truth | user_sources(corruptions, variant))
     _check_existing_frames(output, benchmark)
     for key in benchmark.keys:
         sample = benchmark.dataset.load(key)
@@ -60,12 +59,12 @@ def export(
         scene = depths.depth(sample) if depths is not None else None
         _write_truth(output / "clean" / "val", sample)
         yield Written(key, "clean", fresh)
-        for corruption in corruptions:
-            for severity in levels_of(corruption.name, benchmark.severities, severity_scale):
-                condition = f"{DISK_NAMES.get(corruption.name, corruption.name)}_{severity}"
+        for corruption, condition in zip(corruptions, benchmark.conditions, strict=True):
+            for severity in condition.levels(benchmark.severities, severity_scale):
+                folder = f"{DISK_NAMES.get(corruption.name, corruption.name)}_{severity}"
                 make = partial(corrupt_clip, sample.frames, corruption, severity, seed, key, depth=scene)
-                fresh = _write_frames(output / condition / "val", key, make)
-                yield Written(key, condition, fresh)
+                fresh = _write_frames(output / folder / "val", key, make)
+                yield Written(key, folder, fresh)
 
 
 def _frame_paths(folder: Path, key: str) -> list[Path]:

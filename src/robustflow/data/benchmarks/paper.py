@@ -16,8 +16,7 @@ from ...core.errors import DataError, UsageError
 from ...core.files import read_bounded
 from ...core.text import first_of, plain
 from ...corruptions import IMAGE_PAIR, PAPER_ORDER, SEVERITIES
-from ...corruptions.registry import SHIPPED
-from ...corruptions.stack import needs_depth
+from ...corruptions.registry import FURTHER, SHIPPED
 from ...corruptions.weather.frost import GeneratedFrost
 from ..datasets import load_dataset
 from .base import Benchmark
@@ -194,7 +193,9 @@ def released(name: str, dataset: ReleasedPairs, keys: list[str], facts: Benchmar
     source = (settings or {}).get("benchmark", name)
     if source != name:
         raise DataError(dataset.root, f"frames exported from {plain(str(source))}, so its results are not {name}'s")
-    flat = [corruption for corruption in SHIPPED if not needs_depth(corruption)]  # an export does not contain depth
+    flat = [
+        corruption for corruption in SHIPPED if corruption not in FURTHER["depth"]
+    ]  # an export does not contain depth
     found = {one: dataset.severities(one) for one in (PAPER_ORDER if settings is None else flat)}
     found = {corruption: levels for corruption, levels in found.items() if levels}
     severities = tuple(level for level in SEVERITIES if all(level in levels for levels in found.values()))

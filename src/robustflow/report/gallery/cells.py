@@ -15,8 +15,8 @@ import numpy as np
 from ...core.errors import UsageError
 from ...core.types import Frame, Sample
 from ...corruptions import CLIP, IMAGE_PAIR, Corruption, corrupt_clip, load_corruption
+from ...corruptions.condition import condition_of
 from ...corruptions.registry import BETWEEN_FRAMES
-from ...corruptions.stack import levels_of, needs_depth, split_stack
 from ...media.colours import depth_colours
 from .ssim import Ssim
 
@@ -77,7 +77,7 @@ def _cells(
     some of them."""
     similarity = cache(lambda index: Ssim(clean[index]))
     for name in corruptions:
-        levels = levels_of(name, tuple(severities), scale)
+        levels = condition_of(name).levels(severities, scale)
         for severity in severities:
             if severity not in levels:
                 yield GalleryCell(name, severity)
@@ -142,8 +142,8 @@ def chosen_corruptions(names: Sequence[str] | None, scale: str) -> tuple[list[st
     """Return the corruptions of a clip gallery, and sentences about omitted ones."""
     if names is not None:
         for name in names:
-            parts = [part for part, _ in split_stack(name)]
-            if needs_depth(name):
+            parts = (condition := condition_of(name)).names
+            if condition.needs_depth:
                 raise UsageError(name, "needs depth, which is not available for clips; show a pair with --frames")
             if set(parts) & set(BETWEEN_FRAMES):
                 raise UsageError(name, _NEEDS_MORE)

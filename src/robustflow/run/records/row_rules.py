@@ -9,7 +9,7 @@ from collections.abc import Collection, Iterable, Iterator, Mapping
 import polars as pl
 
 from ...attacks.ball import GREY_LEVELS
-from ...attacks.registry import norm_of
+from ...attacks.registry import attack_spec
 from ...attacks.result import FOLLOWED, WARNINGS
 from ...core.arguments import SEVERITIES
 from ...core.errors import DataError
@@ -84,7 +84,7 @@ def row_rules(attacks: Collection[str] = ()) -> dict[str, pl.Expr]:
     declared: list[Mapping[str, Measure]] = [MEASURES, CLEAN_MEASURES, CONFIDENCE, ATTACK, *REGION_MEASURES.values()]
     averages = [part for measures in declared for name in measures for part in measures[name].parts]
     budgets = [
-        pl.col("corruption").is_in([name for name in attacks if norm_of(name) == norm])
+        pl.col("corruption").is_in([name for name in attacks if attack_spec(name).norm == norm])
         & (pl.col(f"attack_{norm}") > (1 + _CLOSE) * pl.col("severity").replace_strict(levels, default=None))
         for norm in ("linf", "rms")
         for levels in [dict(zip(SEVERITIES, GREY_LEVELS[norm], strict=True))]

@@ -16,12 +16,11 @@ from ...core.errors import DataError, RobustFlowError, RunError, UsageError
 from ...core.paths import user_path
 from ...core.text import counted, plain
 from ...core.types import Frozen
+from ...corruptions.condition import condition_of
 from ...corruptions.registry import CORRUPTIONS
-from ...corruptions.stack import levels_of, split_stack
 from ...data.benchmarks import benchmark_facts
 from ...metrics.rows import CLEAN, ROW_KEY
 from ...models.provenance import UNDECLARED, Training, parse_training_sets, training_of
-from ..cells import lacking_levels
 from ..manifest import Manifest
 from ..run import Run
 from .format import Record
@@ -110,7 +109,7 @@ def _check_conditions(plan: Manifest) -> None:
     known = {*CORRUPTIONS.names(), *frames.corruptions, *benchmark_facts(frames.benchmark).paper_corruptions}
     for name in {**dict.fromkeys(plan.corruptions), **plan.left_out}:
         try:
-            fits = all(part in known for part, _ in split_stack(name))
+            fits = known.issuperset(condition_of(name).names)
         except UsageError:
             fits = False
         if not fits:
@@ -120,8 +119,8 @@ def _check_conditions(plan: Manifest) -> None:
         if missing := [name for name in CONTROLS if not attacked <= {*part.attacks.get(name, ())}]:
             raise DataError(missing[0], "not among the attacks, but every run with attacks includes it")
     planned = [item for part in plan.planned for item in part.corruptions.items()]
-    wrong = [name for name, levels in planned if levels_of(name, levels, frames.scale) != levels]
-    wrong += [name for name, levels in plan.left_out.items() if lacking_levels(name, levels, frames.scale) != levels]
+    wrong = [name for name, levels in planned if condition_of(name).levels(levels, frames.scale) != levels]
+    wrong += [name for name, at in plan.left_out.items() if {*condition_of(name).levels(at, frames.scale)} & {*at}]
     if wrong:
         raise DataError(plain(wrong[0], 60), f"planned, or left out, at wrong severities of the {frames.scale} scale")
 

@@ -1,4 +1,5 @@
-"""Apply several corruptions in sequence as a stack: `"fog+jpeg_compression"`, `"fog:2+jpeg_compression:4"`.
+"""The condition that a name describes: a corruption, or a stack of several that are applied in sequence, such as
+`"fog+jpeg_compression"` or `"fog:2+jpeg_compression:4"`.
 
 Real footage is foggy *and* compressed; the paper lists this as its first limitation. A part without a severity uses the
 severity of the stack; a part with a severity keeps its own. The parts are applied in the specified order, and each uses
@@ -7,6 +8,9 @@ a separate random stream, which is named after its position.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 from ..core.arguments import SEVERITIES, check_severity
@@ -22,30 +26,64 @@ from .scale import calibrated_levels
 _PLUS, _COLON = "+", ":"
 
 
-def is_stack(name: str) -> bool:
-    """Return whether a name denotes a stack rather than a single corruption.
+@dataclass(frozen=True)
+class Condition:
+    """A corruption or a stack, as its name describes it; the corruptions may be unknown, e.g. those of another machine.
 
-    >>> is_stack("fog"), is_stack("fog+snow"), is_stack("fog:2")
-    (False, True, True)
+    Attributes:
+        name: the name, as in rows.
+        parts: the name and the severity of each corruption, in order; None for the severity of the stack.
     """
-    return _PLUS in name or _COLON in name
+
+    name: str
+    parts: tuple[tuple[str, int | None], ...]
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The names of the corruptions."""
+        return tuple(name for name, _ in self.parts)
+
+    @property
+    def is_stack(self) -> bool:
+        """Whether the name denotes a stack rather than a single corruption; "fog:2" is a stack."""
+        return len(self.parts) > 1 or self.parts[0][1] is not None
+
+    @property
+    def fixed_severity(self) -> int | None:
+        """The only severity of a stack whose parts all have one, which is the highest of theirs; None for any other."""
+        levels = [level for _, level in self.parts if level is not None]
+        return max(levels) if len(levels) == len(self.parts) else None
+
+    def levels(self, severities: Sequence[int], scale: str = "paper") -> tuple[int, ...]:
+        """Return those of the severities that exist on a severity scale, or the only one of the stack."""
+        if self.fixed_severity is not None:
+            return (self.fixed_severity,)
+        if scale == "paper":
+            return tuple(severities)
+        known = [calibrated_levels(name) for name, level in self.parts if level is None]
+        return tuple(severity for severity in severities if all(severity in levels for levels in known))
+
+    @property
+    def needs_depth(self) -> bool:
+        """Whether any corruption requires the depth of the scene; False for unknown ones."""
+        own = (own_corruption(name, "default") for name in self.names if is_known(name))
+        shipped = any(name in FURTHER["depth"] for name in self.names)
+        return shipped or any(one is not None and one.needs_depth for one in own)
+
+    def check(self) -> None:
+        """Raise a UsageError if a corruption is unknown or exists only as files; imports nothing."""
+        for name in self.names:
+            refuse_on_disk(name)
+            if not is_known(name):
+                raise CORRUPTIONS.unknown(name)
 
 
-def parse_stack(name: str) -> list[tuple[str, int | None]]:
-    """Return the parts of a stack's name with their severities (None if not specified), without importing anything."""
-    parts = split_stack(name)
-    for part, _ in parts:
-        refuse_on_disk(part)
-        if not is_known(part):
-            CORRUPTIONS.get(part)
-    return parts
+@lru_cache(maxsize=4096)
+def condition_of(name: str) -> Condition:
+    """Parse the name of a condition, the only place that does; imports nothing, because names in files are untrusted.
 
-
-def split_stack(name: str) -> list[tuple[str, int | None]]:
-    """Parse a name like `parse_stack`, but allow unknown corruptions, e.g. in a run from a different machine.
-
-    >>> split_stack("rain+fog:2")
-    [('rain', None), ('fog', 2)]
+    >>> condition_of("rain+fog:2").parts
+    (('rain', None), ('fog', 2))
     """
     parts: list[tuple[str, int | None]] = []
     for part in name.split(_PLUS):
@@ -57,7 +95,7 @@ def split_stack(name: str) -> list[tuple[str, int | None]]:
                 "or module.path:Attribute for a custom corruption",
             )
         parts.append((corruption, check_severity(int(level)) if level else None))
-    return parts
+    return Condition(name, tuple(parts))
 
 
 def with_targets_registered(name: str) -> str:
@@ -74,35 +112,6 @@ def with_targets_registered(name: str) -> str:
             part = register_custom(import_target(target, "corruption")) + level
         parts.append(part)
     return _PLUS.join(parts)
-
-
-def levels_of(name: str, severities: tuple[int, ...], scale: str = "paper") -> tuple[int, ...]:
-    """Return the distinct severities at which a corruption exists, usually all five."""
-    parts = split_stack(name)
-    free = [part for part, level in parts if level is None]
-    if not free:
-        return (max(level for _, level in parts if level is not None),)
-    if scale == "paper":
-        return severities
-    known = [set(calibrated_levels(part)) for part in free]
-    return tuple(level for level in severities if all(level in levels for levels in known))
-
-
-def needs_depth(name: str) -> bool:
-    """Return whether a corruption, or any part of a stack, requires the depth of the scene; False for unknown names."""
-    own = [own_corruption(part, "default") if is_known(part) else None for part, _ in split_stack(name)]
-    shipped = any(part in FURTHER["depth"] for part, _ in split_stack(name))
-    return shipped or any(one.needs_depth for one in own if one is not None)
-
-
-def truth_under(name: str) -> str:
-    """Return what a corruption, or all parts of a stack together, leave of the ground truth (see `Corruption.truth`);
-    "unchanged" for unknown names.
-    """
-    loaded = [
-        own_corruption(part, "default") or CORRUPTIONS.get(part) for part, _ in split_stack(name) if is_known(part)
-    ]
-    return "none" if any(part.truth == "none" for part in loaded) else "unchanged"
 
 
 class Stack(Corruption):
@@ -125,7 +134,8 @@ class Stack(Corruption):
         for part, level in parts:
             if level is not None:
                 part.parameter(level)
-        self._parts = parts
+        self.parts = [part for part, _ in parts]
+        self._levels = [level for _, level in parts]
         self.needs_depth = any(part.needs_depth for part, _ in parts)
         self.truth = "none" if any(part.truth == "none" for part, _ in parts) else "unchanged"
         names = (part.name if level is None else f"{part.name}{_COLON}{level}" for part, level in parts)
@@ -138,10 +148,10 @@ class Stack(Corruption):
         self.parameter(severity)
         return [
             part.draw_with_depth(rng.spawn(place, part.name), severity if level is None else level, shape, depth)
-            for place, (part, level) in enumerate(self._parts)
+            for place, (part, level) in enumerate(zip(self.parts, self._levels, strict=True))
         ]
 
     def apply(self, frame: Frame, state: list[Any], index: int) -> Frame:
-        for (part, _), own in zip(self._parts, state, strict=True):
+        for part, own in zip(self.parts, state, strict=True):
             frame = part.apply(frame, own, index)
         return frame
