@@ -91,6 +91,39 @@ def test_the_gradient_through_a_cut_is_that_without_it(cut):
     np.testing.assert_array_equal(model.predict(*random_pair()), flow)
 
 
+def _written(net, both, flow):
+    written = torch.zeros(flow.shape)
+    written[:, :1] = flow[:, :1]
+    return torch.cat([written[:, :1], flow[:, 1:]], 1)
+
+
+def _kept_weights(net, both, flow):
+    if not net.kept:
+        net.kept = [torch.eye(2).view(2, 2, 1, 1)]
+    return torch.nn.functional.conv2d(flow, net.kept[0])
+
+
+SINGLE = {
+    "factory": lambda net, both, flow: torch.nn.functional.conv2d(flow, torch.eye(2).view(2, 2, 1, 1)),
+    "float": lambda net, both, flow: flow.float(),
+    "to": lambda net, both, flow: flow.to(torch.float32),
+    "type": lambda net, both, flow: flow.to(dtype=torch.zeros(1).dtype).type(torch.float32),
+    "written": _written,
+    "kept": _kept_weights,
+}
+"""Ways in which networks create float32 tensors from the flow of float64 images; none changes the flow."""
+
+
+@pytest.mark.parametrize("single", SINGLE)
+def test_a_network_that_creates_float32_tensors_is_evaluated_in_float64(single):
+    model, plain = model_of(SINGLE[single]), model_of(CUTS["nothing"])
+    model.predict(*random_pair())
+    images = torch.from_numpy(images_of(*random_pair())).double()
+    flow, expected = (each.in_float64.differentiable(images[:1], images[1:]) for each in (model, plain))
+    torch.testing.assert_close(flow, expected, rtol=1e-12, atol=0)
+    assert expected.dtype == torch.float64
+
+
 def test_a_network_that_keeps_its_flow_keeps_no_graph():
     model = model_of(_kept)
     gradient(model)
@@ -169,7 +202,8 @@ WRONG = {
 """Verdict -> a gradient made from the true one; the partial one keeps a tenth of the values, cosine about 0.3."""
 
 
-def verdict(model, number, size, monkeypatch, change=None, **options):
+def checked(model, sample, change, monkeypatch, **options):
+    """Return the verdict on a model whose gradient is changed by a function."""
     from robustflow.attacks import problem
 
     real, attack = problem.evaluate, load_attack("pgd", **options)
@@ -180,8 +214,8 @@ def verdict(model, number, size, monkeypatch, change=None, **options):
 
     with monkeypatch.context() as patched:
         patched.setattr(problem, "evaluate", evaluate)
-        frames, flow, valid = crop(number, size)
-        made = attack.problem(model, Pair(frames, 4.0, flow, valid, str(number)), model.predict(*frames))
+        frames, flow, valid = sample
+        made = attack.problem(model, Pair(frames, 4.0, flow, valid), model.predict(*frames))
         check_gradient(made, made.pair.stream("gradient"))
     assert made.evaluations <= 30
     return made.verdict
@@ -192,10 +226,25 @@ def verdict(model, number, size, monkeypatch, change=None, **options):
 def test_the_check_tells_true_truncated_noisy_reversed_and_zero_gradients_apart(name, size, monkeypatch):
     model = trained(name)
     for number in range(6):
-        verdicts = {kind: verdict(model, number, size, monkeypatch, change) for kind, change in WRONG.items()}
+        verdicts = {kind: checked(model, crop(number, size), change, monkeypatch) for kind, change in WRONG.items()}
         assert verdicts == {kind: kind for kind in WRONG}
         if name != "tiny":
-            assert verdict(model, number, size, monkeypatch, gradient="as-written") == "partial"
+            assert checked(model, crop(number, size), None, monkeypatch, gradient="as-written") == "partial"
+
+
+class Faint(Net):
+    """A large flow that depends little on the frames."""
+
+    def forward(self, image1, image2):
+        return 30 + 3e-3 * super().forward(image1, image2)
+
+
+@pytest.mark.parametrize(("change", "expected"), [(1, "whole"), (-1, "reversed")])
+def test_the_gradient_of_a_large_flow_that_hardly_changes_is_measured_in_float32(change, expected, monkeypatch):
+    monkeypatch.setattr(rf.TorchModel, "in_float64", None)
+    model, frames = rf.TorchModel(Faint(CUTS["nothing"]), device="cpu", multiple=1), random_pair(64, 96)
+    truth, mask = np.zeros((64, 96, 2), np.float32), np.ones((64, 96), bool)
+    assert checked(model, (frames, truth, mask), lambda gradient: change * gradient, monkeypatch) == expected
 
 
 def fifteen_lines(model, frames, truth, valid, budget=4, gradients=21):

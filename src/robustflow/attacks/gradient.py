@@ -32,8 +32,9 @@ _APART, _ROUNDING = 0.05, 0.01
 """Allowed mean distance of the flows of `predict` and `differentiable`: a share of their length, plus pixels."""
 _STEP, _SHRINK = 1 / 64 / WHITE, 4
 """Root mean square of the first step of the finite differences, on the scale of `Images`, and the ratio of steps."""
-_FEWEST, _MOST = 3, {np.dtype(np.float32): 6, np.dtype(np.float64): 11}
-"""Number of steps before the first along the gradient, where the loss bends most; and the number of all steps."""
+_STEPS = {(True, True): (3, 11), (False, True): (0, 11), (True, False): (1, 6), (False, False): (-3, 4)}
+"""Numbers of the first step and of the one after the last, by whether the direction is the gradient, along which the
+loss bends most, and whether flows are in float64: rounding to float32 hides slopes over short steps."""
 _AGREE, _DEVIATION = 0.03, 0.1
 """Largest difference of the slopes of two successive steps, and of the measured and the predicted slope, as shares of
 the gradient's norm or of the slope."""
@@ -95,11 +96,12 @@ def _verdict(problem: Problem, rng: Rng) -> Verdict:
     steps = _Steps(problem, images, problem.loss.slope(answer.flow)[1])
     predicted, measured = [], []
     for number, way in enumerate((along, *(_signs(rng, images) for _ in range(_DIRECTIONS)))):
-        direction = np.where(room > _STEP * np.abs(way), way, 0)  # both steps stay inside 0..1
+        longest = _STEP / _SHRINK ** min(steps.range(along=not number)[0], 0)
+        direction = np.where(room > longest * np.abs(way), way, 0)  # both ends stay inside 0..1
         slope = float((gradient * direction).sum())
         scale = norm if number else slope or norm
         predicted.append(slope / scale)
-        measured.append(steps.slope(direction, 0 if number else _FEWEST, scale) / scale)
+        measured.append(steps.slope(direction, scale, along=not number) / scale)
     first, others, expected = measured[0], np.asarray(measured), np.asarray(predicted)
     allowed = _DEVIATION * np.maximum(np.abs(expected), 1)
     if (np.abs(others - expected) <= allowed).all():
@@ -117,11 +119,15 @@ class _Steps:
         self._problem, self._images, self._above = problem, images.astype(np.float64), above.astype(np.float64)
         self._exact = getattr(problem.model, "in_float64", None)
 
-    def slope(self, direction: _Direction, start: int, scale: float) -> float:
+    def range(self, along: bool) -> tuple[int, int]:
+        """Return the numbers of the first step and of the one after the last, along the gradient or not."""
+        return _STEPS[along, self._exact is not None]
+
+    def slope(self, direction: _Direction, scale: float, along: bool) -> float:
         """Return the slope for which two successive steps agree, or else those of the two that differ least."""
         before, best, least = np.inf, np.nan, np.inf
-        step = start
-        while step < _MOST[np.dtype(np.float32 if self._exact is None else np.float64)]:
+        step = self.range(along)[0]
+        while step < self.range(along)[1]:  # shorter once float64 has failed
             here = self._difference(direction, _STEP / _SHRINK**step)
             apart = abs(here - before) / max(abs(here), abs(scale))
             if not apart >= least:
@@ -141,7 +147,7 @@ class _Steps:
         if self._exact is not None:
             try:
                 return self._problem.charged(asked).flow
-            except ModelError:  # many networks create tensors in float32
+            except ModelError:  # such as a network compiled for float32
                 self._exact = None
         return self._problem.charged(replace(asked, model=self._problem.model, images=images.astype(np.float32))).flow
 

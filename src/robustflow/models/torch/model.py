@@ -21,6 +21,7 @@ from ..base import Window
 from ..conventions import InputConvention
 from ..devices import Execution, traceback_hint
 from ..pairs import PairNetwork, check_pair
+from .double import in_float64
 from .whole import differentiated
 
 # Since PyTorch 2.9, precision is set per backend; the older functions, needed before 2.9, cannot report these settings.
@@ -118,8 +119,8 @@ class NetworkModel(PairNetwork):
         """The network in float64, for `differentiable`; None on an accelerator, and for very large networks."""
         if self.device.type != "cpu" or sum(each.numel() for each in self.net.parameters()) > _MOST_IN_FLOAT64:
             return None
-        model = copy.copy(self)
-        model.net = model._call = copy.deepcopy(self.net).double()
+        model, net = copy.copy(self), copy.deepcopy(self.net).double()
+        model.net, model._call = net, in_float64(net)
         model._execution = replace(self._execution, precision="fp32")
         return model
 
