@@ -31,9 +31,11 @@ class Models:
     """Models by name: first those given on the command line, then all models that this installation can run."""
 
     def __init__(self, given: Sequence[ModelSpec]) -> None:
-        known = methods()
+        catalogued = methods()
         here = [
-            name for name in MODELS.names() if (_runs_on_pairs(known[name]) if name in known else _needs_nothing(name))
+            name
+            for name in MODELS.names()
+            if (_runs_on_pairs(catalogued[name]) if name in catalogued else _needs_nothing(name))
         ]
         here.sort(key=lambda name: (name not in ("dis", "farneback"), name))  # models that need no weights
         self._specs = {spec.name: spec for spec in given} | {
@@ -49,14 +51,14 @@ class Models:
     @property
     def offers(self) -> list[dict[str, Any]]:
         """Return each model's name, whether it accepts a checkpoint, and its published checkpoints, for the page."""
-        known = methods()
+        catalogued = methods()
         published: dict[str, list[str]] = {}
         for entry in checkpoints():
             published.setdefault(entry.model, []).append(entry.checkpoint)
         return [
             {
                 "name": name,
-                "takes_checkpoint": name in known and known[name].type != "knowledge",
+                "takes_checkpoint": name in catalogued and catalogued[name].type != "knowledge",
                 "checkpoints": [RANDOM, *published.get(name, [])],
             }
             for name in self.names

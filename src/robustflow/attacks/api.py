@@ -63,8 +63,8 @@ def with_controls(attacks: Iterable[AnyAttack]) -> tuple[str, ...]:
     """
     asked: list[str] = []
     own: dict[str, Any] = {}
-    for each in attacks:
-        asked.append(load_attack(with_target_registered(each) if isinstance(each, str) else each).label)
+    for attack in attacks:
+        asked.append(load_attack(with_target_registered(attack) if isinstance(attack, str) else attack).label)
         for made in own_attacks_among(asked[-1:]):
             if own.setdefault(own_name(made), made) is not made:
                 raise UsageError(own_name(made), "two attacks have this name: give each a different `name`")
@@ -150,7 +150,7 @@ def attack_pairs(
 ) -> list[Attacked]:
     """Attack pairs whose clean flows are known, in lockstep (see `evaluation`)."""
     attack.check(model)
-    return in_lockstep([partial(_attack_pair, attack, model, *each, warnings) for each in pairs])
+    return in_lockstep([partial(_attack_pair, attack, model, *pair, warnings) for pair in pairs])
 
 
 def _attack_pair(attack: Attack, model: AnyModel, pair: Pair, clean_flow: Flow, warnings: frozenset[str]) -> Attacked:

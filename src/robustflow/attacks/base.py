@@ -97,10 +97,12 @@ class Attack(ABC):
         for option, choice in choices.items():
             if getattr(self, option) not in choice:
                 raise unknown_name(f"{option} of attack {self.name}", str(getattr(self, option)), choice)
-        for each in fields(self):
-            value = getattr(self, each.name)
-            if isinstance(each.default, int) and (not isinstance(value, int) or isinstance(value, bool) or value < 1):
-                raise UsageError(each.name, f"must be an integer of at least 1 for {self.name}, not {value!r}")
+        for option_field in fields(self):
+            value = getattr(self, option_field.name)
+            if isinstance(option_field.default, int) and (
+                not isinstance(value, int) or isinstance(value, bool) or value < 1
+            ):
+                raise UsageError(option_field.name, f"must be an integer of at least 1 for {self.name}, not {value!r}")
 
     def __getstate__(self) -> dict[str, Any]:
         return {each.name: getattr(self, each.name) for each in fields(self)}  # without models that it has loaded
@@ -112,13 +114,13 @@ class Attack(ABC):
     @classmethod
     def made(cls, **options: Any) -> Self:
         """Build the attack with options; strings are converted if the option is a number."""
-        known = {each.name: each.default for each in cls._option_fields()}
+        defaults = {option_field.name: option_field.default for option_field in cls._option_fields()}
         for option, value in options.items():
-            if option not in known:
-                raise unknown_name(f"option of attack {cls.name}", option, known)
-            if isinstance(known[option], int) and isinstance(value, str) and value.isdecimal():
+            if option not in defaults:
+                raise unknown_name(f"option of attack {cls.name}", option, defaults)
+            if isinstance(defaults[option], int) and isinstance(value, str) and value.isdecimal():
                 options[option] = int(value)
-            if isinstance(known[option], float):
+            if isinstance(defaults[option], float):
                 with suppress(ValueError):  # refused in `__post_init__`
                     options[option] = float(value)
         return cls(**options)
@@ -130,16 +132,16 @@ class Attack(ABC):
 
     def known_options(self) -> set[str]:
         """The names of all options."""
-        return {each.name for each in self._option_fields()}
+        return {option.name for option in self._option_fields()}
 
     def options(self) -> dict[str, Any]:
         """The options that differ from their defaults."""
-        values = ((each, getattr(self, each.name)) for each in self._option_fields())
-        return {each.name: value for each, value in values if value != each.default}
+        values = ((option, getattr(self, option.name)) for option in self._option_fields())
+        return {option.name: value for option, value in values if value != option.default}
 
     @classmethod
     def _option_fields(cls) -> list[Field[Any]]:
-        return [each for each in fields(cls) if each.compare]
+        return [option for option in fields(cls) if option.compare]
 
     @property
     def label(self) -> str:
@@ -179,7 +181,7 @@ class Attack(ABC):
         """Build the optimisation problem for a pair, given the model's flow on the clean frames (H, W, 2), pixels."""
         first, second = map(read_only, pair.frames)
         clean_flow = read_only(clean_flow)
-        truth, valid = (None if each is None else read_only(each) for each in (pair.truth, pair.valid))
+        truth, valid = (None if array is None else read_only(array) for array in (pair.truth, pair.valid))
         pair = replace(pair, frames=(first, second), truth=truth, valid=valid)
         ball = Ball(first, second, pair.budget, self.norm, self.moved, per_frame=self.variant == "flowbench")
         ball.clean.flags.writeable = False
@@ -223,9 +225,9 @@ class Attack(ABC):
 
 def _counted(valid: Mask | None, clean_flow: Flow) -> Mask | None:
     """Return the valid pixels at which the clean flow is finite; all valid pixels if it is finite at none of them."""
-    known = np.asarray(np.isfinite(clean_flow).all(axis=-1))
-    known = known if valid is None else known & valid
-    return known if known.any() else valid
+    counted = np.asarray(np.isfinite(clean_flow).all(axis=-1))
+    counted = counted if valid is None else counted & valid
+    return counted if counted.any() else valid
 
 
 def is_of_package(kind: type[Attack]) -> bool:

@@ -23,7 +23,7 @@ from .trained import Trained
 
 def _common(attack: Attack) -> dict[str, Any]:
     """Return the options that every attack has."""
-    return {each.name: getattr(attack, each.name) for each in fields(Attack)}
+    return {option.name: getattr(attack, option.name) for option in fields(Attack)}
 
 
 def _label(parts: Sequence[str], options: dict[str, Any]) -> str:
@@ -49,11 +49,11 @@ class Transfer(Attack):
     def made(cls, **options: Any) -> Self:
         """Build the inner attack from its options; the others are those of the surrogate, checked when it is loaded."""
         on, name = options.pop("on", "tiny"), options.pop("attack", "apgd")
-        known = load_attack(name).known_options()
-        inner = load_attack(name, **{option: value for option, value in options.items() if option in known})
+        of_inner = load_attack(name).known_options()
+        inner = load_attack(name, **{option: value for option, value in options.items() if option in of_inner})
         if isinstance(inner, Transfer | WorstOf):
             raise UsageError("attack", f"transfer cannot contain {inner.name}; use worst_of:transfer+...")
-        rest = tuple((option, value) for option, value in options.items() if option not in known)
+        rest = tuple((option, value) for option, value in options.items() if option not in of_inner)
         if rest and not isinstance(on, str):
             raise UsageError(rest[0][0], f"not an option of {inner.name}, and the model of transfer is already built")
         return cls(on=on, attack=inner, model_options=rest, **_common(inner))
@@ -134,10 +134,10 @@ class WorstOf(Attack):
         names = given.split("+") if isinstance(given, str) else list(given)
         if not names or not all(isinstance(name, str) for name in names):
             raise UsageError("parts", "give the parts of worst_of by their names, as in worst_of:apgd+square")
-        known = [load_attack(name).known_options() for name in names]
+        of_parts = [load_attack(name).known_options() for name in names]
         for option in options:
-            if not any(option in each for each in known):
-                raise unknown_name("option of the attacks in worst_of", option, sorted(set().union(*known)))
+            if not any(option in options_of_part for options_of_part in of_parts):
+                raise unknown_name("option of the attacks in worst_of", option, sorted(set().union(*of_parts)))
         parts = [_part(name, options) for name in names]
         if any(isinstance(part, WorstOf) for part in parts):
             raise UsageError("parts", "worst_of cannot contain another worst_of; name all parts: worst_of:A+B+C")
@@ -157,7 +157,7 @@ class WorstOf(Attack):
         return replace(self, parts=tuple(part.with_variant(variant) for part in self.parts))
 
     def training(self, model: AnyModel) -> dict[str, tuple[Attack, AnyModel]]:
-        return {label: one for part in self.parts for label, one in part.training(model).items()}
+        return {label: trained for part in self.parts for label, trained in part.training(model).items()}
 
     def with_learned(self, learned: Learned) -> Self:
         return replace(self, parts=tuple(part.with_learned(learned) for part in self.parts))
@@ -197,5 +197,5 @@ class WorstOf(Attack):
 
 
 def _part(name: str, options: dict[str, Any]) -> Attack:
-    known = load_attack(name).known_options()
-    return load_attack(name, **{option: value for option, value in options.items() if option in known})
+    of_part = load_attack(name).known_options()
+    return load_attack(name, **{option: value for option, value in options.items() if option in of_part})

@@ -62,7 +62,7 @@ class Evaluation:
     def group(self) -> tuple[Any, ...]:
         """A key that is equal for evaluations that can share a model call."""
         group = () if getattr(self.model, "batched_gradients", False) is True else (id(self),)
-        arrays = [(each.shape, each.dtype.char) for each in (*(self.frames or ()), self.images) if each is not None]
+        arrays = [(array.shape, array.dtype.char) for array in (*(self.frames or ()), self.images) if array is not None]
         return id(self.model), self.images is None, self.loss is None, self.whole, *arrays, *group
 
 
@@ -173,7 +173,7 @@ def _answers(asked: Sequence[Evaluation]) -> list[Answer]:
     model = asked[0].model
     if asked[0].frames is None:
         return _differentiated(asked)
-    cells, pairs = [one.cell for one in asked], [one.frames for one in asked if one.frames is not None]
+    cells, pairs = [query.cell for query in asked], [query.frames for query in asked if query.frames is not None]
     assert isinstance(model, FlowModel)
     if len(asked) > 1 and isinstance(model, BatchedFlowModel):
         return list(map(Answer, predict_batch_checked(model, pairs, cells)))
@@ -189,8 +189,8 @@ def _differentiated(asked: Sequence[Evaluation]) -> list[Answer]:
 
     model, gradient = asked[0].model, asked[0].loss is not None
     assert isinstance(model, Differentiable)
-    where = describe_cells([one.cell for one in asked])
-    images = torch.from_numpy(np.stack([one.images for one in asked if one.images is not None]))
+    where = describe_cells([query.cell for query in asked])
+    images = torch.from_numpy(np.stack([query.images for query in asked if query.images is not None]))
     images.requires_grad_(gradient)
     with reproducible(getattr(model, "threads", 1)), naming_errors(where):
         with torch.set_grad_enabled(gradient), nullcontext() if asked[0].whole else as_written():
@@ -202,7 +202,7 @@ def _differentiated(asked: Sequence[Evaluation]) -> list[Answer]:
         flows = np.ascontiguousarray(values.cpu().numpy().transpose(0, 2, 3, 1))
         if not gradient:
             return list(map(Answer, flows))
-        slopes = [one.loss.slope(there) for one, there in zip(asked, flows, strict=True) if one.loss is not None]
+        slopes = [query.loss.slope(there) for query, there in zip(asked, flows, strict=True) if query.loss is not None]
         above = np.ascontiguousarray(np.stack([slope for _, slope in slopes]).transpose(0, 3, 1, 2))
         (pulled,) = torch.autograd.grad(flow, images, torch.from_numpy(above).to(flow), allow_unused=True)
     if pulled is None:

@@ -39,7 +39,7 @@ class OwnAttack(Attack):
         attack = _own[registered]
         if inspect.isclass(attack) and issubclass(attack, Attack):
             return attack.made(**options)
-        common = {each.name: options.pop(each.name) for each in fields(Attack) if each.name in options}
+        common = {option.name: options.pop(option.name) for option in fields(Attack) if option.name in options}
         takes = _parameters(attack)
         for option, value in options.items():
             if option not in takes:
@@ -84,7 +84,7 @@ class OwnAttack(Attack):
         return images
 
 
-_COMMON = tuple(each.name for each in fields(Attack))
+_COMMON = tuple(option.name for option in fields(Attack))
 
 
 def register_attack(made: Made) -> str:
@@ -130,4 +130,4 @@ def _parameters(made: Made) -> dict[str, Any]:
     """Return the options of a class with their defaults; an object has no options."""
     if not inspect.isclass(made):
         return {}
-    return {name: one.default for name, one in inspect.signature(made).parameters.items()}
+    return {name: parameter.default for name, parameter in inspect.signature(made).parameters.items()}

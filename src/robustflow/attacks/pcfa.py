@@ -130,7 +130,8 @@ class _Search:
 
         scale = 1 - _INSIDE
         frames = [
-            (torch.tanh(each) + scale) / (2 * scale) if self._tanh else each.clamp(0, 1) for each in self.variables
+            (torch.tanh(values) + scale) / (2 * scale) if self._tanh else values.clamp(0, 1)
+            for values in self.variables
         ]
         every = dict(zip(self._moved, frames, strict=True))
         change = torch.stack([frame - self._clean[place] for place, frame in every.items()])

@@ -185,7 +185,7 @@ class Problem:
     @property
     def late_gain(self) -> float | None:
         """How much the last quarter of the evaluations raised the highest score of the best start; None for few."""
-        curve = max(self.curves, key=lambda each: each[-1] if each else -np.inf)
+        curve = max(self.curves, key=lambda start: start[-1] if start else -np.inf)
         if len(curve) < _FEWEST:
             return None
         clean = self.loss.score(self.loss.of(self.clean_flow, weighted=False))

@@ -89,7 +89,7 @@ class Trained(Attack):
             score, pull = 0.0, np.zeros_like(pattern)
             for start in range(0, len(problems), batch_size):
                 chunk = list(enumerate(problems))[start : start + batch_size]
-                tasks = [partial(self._slope, each, pattern, rng.spawn(step, number)) for number, each in chunk]
+                tasks = [partial(self._slope, problem, pattern, rng.spawn(step, number)) for number, problem in chunk]
                 for (number, problem), (here, gradient) in zip(chunk, in_lockstep(tasks), strict=True):
                     score += here
                     pull += self.pulled(problem, gradient, pattern, rng.spawn(step, number))
@@ -187,7 +187,7 @@ class Universal(Trained):
     @property
     def source(self) -> str:
         """A digest of the files."""
-        files = [read_file(each) for each in (self.file, self.second) if each]
+        files = [read_file(path) for path in (self.file, self.second) if path]
         return digest_of_bytes(*files, size=8) if files else ""
 
     def check(self, model: AnyModel) -> None:

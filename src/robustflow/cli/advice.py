@@ -43,7 +43,7 @@ def kind_of(word: str) -> str:
     from ..training.recipe import recipes_of, trained_methods
 
     first = re.split(r"[,:+]", word)[0].lower()
-    known: dict[str, Any] = {
+    names_of: dict[str, Any] = {
         "corruption": {*CORRUPTIONS, *CORRUPTIONS.also},
         "attack": ATTACKS,
         "benchmark": {*BENCHMARKS, *DATASETS},
@@ -52,7 +52,7 @@ def kind_of(word: str) -> str:
     }
     if re.fullmatch(r"[1-5]([-,][1-5])*", word):
         return "severity"
-    return next((kind for kind, names in known.items() if first in names), "file" if Path(word).exists() else "")
+    return next((kind for kind, names in names_of.items() if first in names), "file" if Path(word).exists() else "")
 
 
 def advice(command: Any, word: str, expected: str = "", given: dict[str, Any] | None = None) -> UsageError | None:

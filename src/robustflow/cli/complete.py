@@ -15,8 +15,8 @@ def _completion(names: Callable[[], Iterable[str]], separators: str = "") -> Cal
 
     def completion(incomplete: str) -> list[str]:
         cut = max((incomplete.rfind(separator) for separator in separators), default=-1) + 1
-        found = dict.fromkeys(name for name in names() if name.startswith(incomplete[cut:]))
-        return [incomplete[:cut] + name for name in found]
+        matching = dict.fromkeys(name for name in names() if name.startswith(incomplete[cut:]))
+        return [incomplete[:cut] + name for name in matching]
 
     return completion
 

@@ -48,18 +48,18 @@ def corrupt(
     wanted = with_families(names(given["corruptions"]) or [], IMAGE_PAIR)
     chosen = [load_corruption(corruption_name(name), given["variant"], given["severity_scale"]) for name in wanted]
     levels = numbers(given["severities"] or "3") or []
-    for one in chosen:
+    for corruption in chosen:
         for level in levels:
-            one.parameter(level)
+            corruption.parameter(level)
     dataset = frames_of([frame1, frame2], {})
     sample = dataset.load(frame1.stem)
-    scene = depth_of(sample, dataset, (one.name for one in chosen), given)
+    scene = depth_of(sample, dataset, (corruption.name for corruption in chosen), given)
     stems = (frame1.stem, frame2.stem) if frame1.stem != frame2.stem else (f"{frame1.stem}_1", f"{frame2.stem}_2")
-    for one in chosen:
+    for corruption in chosen:
         for level in levels:
-            folder = (given["output"] or Path("corrupted")) / f"{one.name}_{level}"
+            folder = (given["output"] or Path("corrupted")) / f"{corruption.name}_{level}"
             make_folder(folder)
-            corrupted = corrupt_pair(*sample.frames, one, level, given["seed"], sample.key, depth=scene)
+            corrupted = corrupt_pair(*sample.frames, corruption, level, given["seed"], sample.key, depth=scene)
             for stem, frame in zip(stems, corrupted, strict=True):
                 write_image(folder / f"{stem}.png", frame)
             echo(str(folder))

@@ -126,10 +126,10 @@ def _export_submission(path: Path, given: dict[str, Any]) -> None:
         written = write_submission(run, model_of(run, spec), conditions, keys, output)
         flows = list(progress.track(written, f"{output}: predicting", len(conditions) * len(keys)))
     moved: dict[str, list[Robustness]] = {}
-    for one in flows:
-        if one.moved is not None:
-            moved.setdefault(one.condition, []).append(one.moved)
-    fresh = sum(one.fresh for one in flows)
+    for predicted in flows:
+        if predicted.moved is not None:
+            moved.setdefault(predicted.condition, []).append(predicted.moved)
+    fresh = sum(flow.fresh for flow in flows)
     echo(f"{output}: {counted(len(flows), 'flow')}, {fresh} written and {len(flows) - fresh} already present")
     if moved:
         means = robustness_means(moved)

@@ -130,7 +130,7 @@ def _attack_files(sample: "Sample", attacks: list[str], given: dict[str, Any]) -
     loaded, (first, second) = load_model(given["model"]), sample.frames
     options: dict[str, Any] = {"flow": sample.flow, "valid": sample.valid, "seed": given["seed"], "key": sample.key}
     chosen = [load_attack(name) for name in with_controls(attacks)]
-    attacked = [attack(first, second, loaded, each, severity=given["severity"], **options) for each in chosen]
+    attacked = [attack(first, second, loaded, method, severity=given["severity"], **options) for method in chosen]
     return {"attacks.webp": draw_attacks(first, attacked, given["model"])}
 
 

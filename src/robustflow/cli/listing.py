@@ -117,16 +117,18 @@ def _published(search: str) -> list[str]:
     names = sorted({*MODELS.names(), *(entry.model for entry in checkpoints())})
     labels = {name: method.method.lower() for name, method in methods().items()}
     term = search.lower()
-    found = [name for name in names if term.replace("-", "_") in name or term in labels.get(name, "")]
-    if not found:
+    matching = [name for name in names if term.replace("-", "_") in name or term in labels.get(name, "")]
+    if not matching:
         raise unknown_name("model", search, names)
     lines = []
-    for name in found:
+    for name in matching:
         entries = entries_of(name)
         lines += [] if entries else [f"{name}: no published checkpoints"]
         for entry in entries:
             training = training_of_entry(entry)
-            settings = ", ".join(f"{setting_of(training, one)} on {one}" for one in ("kitti-fc", "sintel", "gopro-fc"))
+            settings = ", ".join(
+                f"{setting_of(training, data)} on {data}" for data in ("kitti-fc", "sintel", "gopro-fc")
+            )
             sets, backbone = entry.trained_on.replace("+", ", "), entry.backbone or "none known"
             lines.append(f"{name} {entry.checkpoint}: {settings}; trained on {sets}; backbone {backbone}")
             lines.append(f"    confidence {entry.confidence}: {entry.note or 'as stated by the authors'}")
@@ -145,9 +147,10 @@ def _corruptions() -> list[str]:
 
     lines: list[tuple[str, ...]] = []
     for name in CORRUPTIONS.names():
-        one = load_corruption(name)
-        parameters = ", ".join(str(tuple(value) if isinstance(value, tuple) else value) for value in one.severities)
-        lines.append((name, heading_of(name), "temporal" if one.temporal else "", parameters))
+        corruption = load_corruption(name)
+        levels = (tuple(level) if isinstance(level, tuple) else level for level in corruption.severities)
+        parameters = ", ".join(map(str, levels))
+        lines.append((name, heading_of(name), "temporal" if corruption.temporal else "", parameters))
     radii = ", ".join(map(str, RMS_RADII))
     return [*_aligned(lines), f"psf_blur: RMS radii in mm of the paper's lenses; ours have {radii}."]
 
@@ -158,8 +161,8 @@ def _attacks() -> list[str]:
 
     attacks = {name: load_attack(name) for name in ATTACKS.names()}
     lines: list[tuple[str, ...]] = [
-        (name, one.norm, one.needs, ", ".join(f"{one.budget(severity):g}" for severity in SEVERITIES))
-        for name, one in attacks.items()
+        (name, attack.norm, attack.needs, ", ".join(f"{attack.budget(severity):g}" for severity in SEVERITIES))
+        for name, attack in attacks.items()
     ]
     return [
         *_aligned(lines),

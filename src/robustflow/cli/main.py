@@ -69,8 +69,8 @@ def command_line(arguments: Sequence[str] | None = None) -> typer.Typer:
     for panel, name in named or every:
         if name in _GROUPS:
             group = _command(name) if named else typer.Typer()
-            for one in group.registered_commands:
-                one.cls = _Command
+            for command in group.registered_commands:
+                command.cls = _Command
             app.add_typer(group, name=name, help=_GROUPS[name], rich_help_panel=panel)
         else:
             app.command(name, cls=_Command, rich_help_panel=panel)(_command(name) if named else _listed(name))
@@ -94,7 +94,7 @@ class _Command(TyperCommand):
 
     def __init__(self, name: str, *, help: str | None = None, **settings: Any) -> None:
         paragraphs = inspect.cleandoc(help or "").split("\n\n")
-        wrapped = [one if one.startswith("\b") else one.replace("\n", " ") for one in paragraphs]
+        wrapped = [text if text.startswith("\b") else text.replace("\n", " ") for text in paragraphs]
         super().__init__(name, help="\n\n".join(wrapped), **settings)
         for option in self.params:
             if name != "run" and isinstance(option, TyperOption):
@@ -152,7 +152,7 @@ class _Commands(TyperGroup):
 def _expanded(value: Any) -> Any:
     """Expand `~` in paths: of `--output=~/run`, a shell leaves it as it is."""
     if isinstance(value, list):
-        return [_expanded(each) for each in value]
+        return [_expanded(item) for item in value]
     return user_path(value) if isinstance(value, Path) else value
 
 
@@ -208,8 +208,8 @@ def main() -> None:
     except (RobustFlowError, OSError) as error:
         if debug:
             traceback.print_exception(error)
-        known = isinstance(error, RobustFlowError)
-        line = str(error) if known else f"{error}; check the file or device, or use --debug for the full traceback"
+        expected = isinstance(error, RobustFlowError)
+        line = str(error) if expected else f"{error}; check the file or device, or use --debug for the full traceback"
         print(f"robustflow: {plain(line, None)}", file=sys.stderr)
         sys.exit(error.exit_code if isinstance(error, RobustFlowError) else 1)
     except KeyboardInterrupt:  # raised outside a command

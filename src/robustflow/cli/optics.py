@@ -74,7 +74,7 @@ def show(context: typer.Context, severity: _Severities = "1,2,3,4,5", lens: _Len
         shown = [(f"lens_s{k}", shipped_lens(k), shipped_field(k)) for k in numbers(severity) or []]
     output = given["output"] or Path("optics")
     make_folder(output)
-    figures = {name: lens_figure(one, field) for name, one, field in shown}
+    figures = {name: lens_figure(prescription, field) for name, prescription, field in shown}
     figures["psf_sheet"] = contact_sheet([(name, field) for name, _, field in shown])
     if lens is None:
         figures["psf_profile"] = profile_figure([(int(name[-1]), field) for name, _, field in shown])

@@ -35,9 +35,9 @@ def shared(*names: str, **helps: str) -> Callable[[Command], Command]:
     def decorate(command: Command) -> Command:
         signature = inspect.signature(command, eval_str=True)
         own = [
-            one.replace(kind=one.KEYWORD_ONLY)
-            for one in signature.parameters.values()
-            if one.kind is not one.VAR_KEYWORD
+            parameter.replace(kind=parameter.KEYWORD_ONLY)
+            for parameter in signature.parameters.values()
+            if parameter.kind is not parameter.VAR_KEYWORD
         ]
         parameters = [_SHARED[name] for name in names] + [_with_help(_SHARED[name], helps[name]) for name in helps]
         command.__signature__ = signature.replace(parameters=[*parameters, *own])  # type: ignore[attr-defined]
@@ -132,7 +132,7 @@ _SHARED = {parameter.name: parameter for parameter in (*_of_run(), *_of_commands
 COMMON = ("model_list", "benchmark", "data", "corruptions", "severities", "checkpoint", "device", "output")
 """The options of a run that most users need; `run --help` shows the others below "Advanced"."""
 RUN: tuple[str, ...] = (*COMMON, "option", "trained_on")
-RUN += tuple(one.name for one in _of_run() if one.name not in RUN)
+RUN += tuple(parameter.name for parameter in _of_run() if parameter.name not in RUN)
 DEPTH = ("depth", "focal", "depth_unit")
 RUN += ("psf_dir", *DEPTH, "precision")
 """All options of a run, the common ones first."""

@@ -58,7 +58,7 @@ def predict(
     with ProgressBar() as progress:
         flows = predict_flows(spec, dataset, output, suffix=suffix, overwrite=overwrite)
         done = list(progress.track(flows, f"{output}: predicting", total))
-        longest = radius if radius is not None else max(one.radius for one in done)
+        longest = radius if radius is not None else max(prediction.radius for prediction in done)
         if pictures:
             list(progress.track(write_pictures(done, longest), f"{output}: drawing", total))
         if video is not None:

@@ -103,18 +103,18 @@ def digests(
     if not names:
         raise DataError(data, "contains no files; give the folder of the dataset")
     with ProgressBar() as progress:
-        found = dict(progress.track(digests_in(data, names), f"{data}: reading", len(names)))
+        digests = dict(progress.track(digests_in(data, names), f"{data}: reading", len(names)))
     if before is None:
-        path = write_list(data, found)
-        echo(f"{path}: {counted(len(found), 'file')}; 'robustflow run' verifies files against this list")
+        path = write_list(data, digests)
+        echo(f"{path}: {counted(len(digests), 'file')}; 'robustflow run' verifies files against this list")
         return
-    differing = [name for name, digest in before.items() if found.get(name) != digest]
+    differing = [name for name, digest in before.items() if digests.get(name) != digest]
     if differing:
-        state = "has changed" if differing[0] in found else "is missing"
+        state = "has changed" if differing[0] in digests else "is missing"
         of = f"{len(differing)} of {counted(len(before), 'listed file')} differ"
         raise DataError(data / differing[0], f"{state} ({of}); copy the data again, or give --overwrite")
     echo(f"{counted(len(before), 'file')}: no differences from {data / DIGEST_LIST}")
-    if added := len(found) - len(before):
+    if added := len(digests) - len(before):
         echo(f"{counted(added, 'file')} are not listed; --overwrite adds them")
 
 

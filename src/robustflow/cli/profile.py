@@ -84,8 +84,8 @@ def _print_model(
     network = network_of(model)
     if run is not None:
         check_profiled_model(run, model.identity())
-    tiles, each = model.tiles(height, width) if isinstance(model, TiledModel) else (1, (height, width))
-    fitted = network.convention.fitted_size(*each)
+    tiles, tile = model.tiles(height, width) if isinstance(model, TiledModel) else (1, (height, width))
+    fitted = network.convention.fitted_size(*tile)
     counts = count_prediction(model, height, width)
     rounds = network.identity().get("iterations")
     about = f"{name}, frames of {height}x{width}, network input 1x3x{fitted[0]}x{fitted[1]}"

@@ -113,7 +113,7 @@ def report(
         text = render_site(whole_content(loaded, published=published))
     else:
         tables = tables_of(loaded, published=published, wanted=wanted)
-        text = "\n".join(as_text(one, format, output) for one in tables)
+        text = "\n".join(as_text(made_table, format, output) for made_table in tables)
         if wanted == [ROW]:
             text = "".join(map(only_lines, tables))
     write_text(text, output)

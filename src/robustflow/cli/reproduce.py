@@ -150,17 +150,17 @@ def _show(artefact: "Artefact", measured: "list[Measured]", output: Path, format
     from ..report.figures import write_figures
     from ..report.tables import figures_of
 
-    missing = [each for each in measured if isinstance(each, Missing)]
-    ran = [each for each in measured if not isinstance(each, Missing)]
+    missing = [result for result in measured if isinstance(result, Missing)]
+    ran = [result for result in measured if not isinstance(result, Missing)]
     variants = [
-        paper_alone(artefact, each.variant) if isinstance(each, Missing) else run_beside_paper(artefact, *each)
-        for each in measured
+        paper_alone(artefact, result.variant) if isinstance(result, Missing) else run_beside_paper(artefact, *result)
+        for result in measured
     ]
     if ran:
-        _print(comparison_table(artefact, [one for one in variants if one.here]), format)
+        _print(comparison_table(artefact, [variant for variant in variants if variant.here]), format)
     if missing:
         _print(plan_table(artefact, missing), format)
-    echo(summary_sentence([each if isinstance(each, Missing) else each[0] for each in measured]))
+    echo(summary_sentence([result if isinstance(result, Missing) else result[0] for result in measured]))
     written = output / f"{artefact.name}.csv"
     write_bytes(written, comparison_csv(artefact, variants).encode())
     echo(f"all values: {written}")
@@ -171,7 +171,7 @@ def _show(artefact: "Artefact", measured: "list[Measured]", output: Path, format
         matching = {name: figure for name, figure in drawn.items() if name.startswith(artefact.figure)}
         for path in write_figures(matching, output / "figures", ("png", "svg")):
             echo(str(path))
-    if not ran and any(each.failed for each in missing):
+    if not ran and any(variant.failed for variant in missing):
         raise typer.Exit(1)
 
 

@@ -56,7 +56,7 @@ def run(
         raise UsageError("--name", "applies to a single model; leave it out, or run the models one by one")
     if seeds < 1:
         raise UsageError("--seeds", f"{seeds}: give 1 or more")
-    specs = [ModelSpec(each, options) for each in models]
+    specs = [ModelSpec(model, options) for model in models]
     for spec in specs:
         spec.preflight()  # check before the imports below, which take seconds
     from ..api import Result, evaluate
@@ -77,9 +77,9 @@ def run(
             of_model = output if output is None or len(models) == 1 else output / file_name(spec.name)
             for seed in range(first, first + runs):
                 folder = of_model if of_model is None or runs == 1 else of_model / f"seed{seed}"
-                each = arguments | {"output": folder, "seed": seed, "draws": seeds // runs}
+                arguments_of_run = arguments | {"output": folder, "seed": seed, "draws": seeds // runs}
                 with progress:
-                    results.append(evaluate(spec, **each, progress=progress))
+                    results.append(evaluate(spec, **arguments_of_run, progress=progress))
     except KeyboardInterrupt:
         raise stopped(f"{progress.finished_work()} Run the same command again") from None
     from .tables import as_json_text, print_results

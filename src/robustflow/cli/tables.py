@@ -40,13 +40,13 @@ def as_json_text(results: Sequence[Run]) -> str:
     """Return the name, benchmark, folder, summary and attacks of each run as a JSON list."""
     facts = [
         {
-            "name": each.name,
-            "benchmark": each.benchmark,
-            "folder": str(each.path),
-            "summary": each.document(),
-            **({"attacks": attack_scores(each)} if each.attacks else {}),
+            "name": run.name,
+            "benchmark": run.benchmark,
+            "folder": str(run.path),
+            "summary": run.document(),
+            **({"attacks": attack_scores(run)} if run.attacks else {}),
         }
-        for each in results
+        for run in results
     ]
     return json.dumps(facts, indent=2)
 
@@ -101,7 +101,7 @@ def _facts(run: Run, report: bool) -> Iterator[str]:
     paper = measured.paper_over if set(measured.averaged_over) != set(measured.paper_over) else ()
     warnings = dict.fromkeys(text for clip in run.manifest.clips for text in clip.warnings)
     yield _overall(run)
-    known = {
+    remarks = {
         "ground truth": _truth(run),
         "means": UNEVEN if run.manifest.uneven else "",
         "ranked against runs of the same subset": estimate_of(run),
@@ -117,7 +117,7 @@ def _facts(run: Run, report: bool) -> Iterator[str]:
         "report": f"{run.path}/report.html" if report else "",
         "next": _next(run) if report else "",
     }
-    yield from (f"{name}: {plain(str(text), None)}" for name, text in known.items() if text)
+    yield from (f"{name}: {plain(str(text), None)}" for name, text in remarks.items() if text)
 
 
 def _overall(run: Run) -> str:
@@ -145,11 +145,11 @@ def _truth(run: Run) -> str:
 
 
 def _means(run: Run, condition: str) -> str:
-    each = (
+    texts = (
         f"{LABELS[m]} {number_text(run.mean(m, condition))}{_interval(run, m, condition)}"
         for m in ("epe", "cre", "crer", "rcre")
     )
-    return ", ".join(each)
+    return ", ".join(texts)
 
 
 def _interval(run: Run, metric: str, condition: str) -> str:

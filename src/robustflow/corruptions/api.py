@@ -235,7 +235,7 @@ def corrupt(
     frames = tuple(as_frame(frame) for frame in given)
     clip = corrupt_clip(frames, corruption, severity, seed, key, variant, scale, depth=depth)
     pairs = zip(clip, given, strict=True)
-    out = tuple(Image.fromarray(frame) if isinstance(one, Image.Image) else frame for frame, one in pairs)
+    out = tuple(Image.fromarray(frame) if isinstance(image, Image.Image) else frame for frame, image in pairs)
     return out if len(out) > 1 else out[0]
 
 

@@ -88,7 +88,7 @@ class Corruption(ABC):
         """
         value = self.severities[check_severity(severity) - 1]
         if value is None:
-            levels = [str(level) for level, known in zip(SEVERITIES, self.severities, strict=True) if known is not None]
+            levels = [str(level) for level, parameter in enumerate(self.severities, 1) if parameter is not None]
             raise UsageError(
                 self.name,
                 f"does not exist at severity {severity} of the calibrated scale; "

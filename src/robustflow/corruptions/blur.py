@@ -255,8 +255,8 @@ class PsfBlur(Corruption):
         self.psf_dir = user_path(chosen) if chosen else None
         for rms in self.severities:
             if rms is not None and rms not in self.paper_severities:
-                known = ", ".join(str(value) for value in self.paper_severities)
-                raise UsageError(self.name, f"no lens has an RMS radius of {rms} mm; choose from {known}")
+                radii = ", ".join(str(value) for value in self.paper_severities)
+                raise UsageError(self.name, f"no lens has an RMS radius of {rms} mm; choose from {radii}")
 
     def field(self, rms: float) -> PsfField:
         """Return the PSFs of the lens for a severity parameter."""

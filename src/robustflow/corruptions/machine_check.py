@@ -41,11 +41,11 @@ def compare(
             yield name, "no reference bytes are stored; store them with 'python -m tests.rewrite'"
             continue
         try:
-            found = digests_of(name)
+            digests = digests_of(name)
         except AssetError as error:
             yield name, f"not compared: {first_line(error)}"
             continue
-        differing = [str(level) for level in SEVERITIES if found[str(level)] != expected[name][str(level)]]
+        differing = [str(level) for level in SEVERITIES if digests[str(level)] != expected[name][str(level)]]
         yield name, f"different bytes at severity {', '.join(differing)}" if differing else ""
 
 
@@ -85,5 +85,5 @@ def _depth() -> SceneDepth:
     second = np.roll(first, _SHIFT, axis=(0, 1))
     height, width = first.shape
     camera = Camera((160.0, 160.0), (width / 2, height / 2), np.eye(3), np.array([0.25, 0.0, -0.5]))
-    known = np.ones(first.shape, bool)
-    return SceneDepth((first, second), (known, known), camera)
+    measured = np.ones(first.shape, bool)
+    return SceneDepth((first, second), (measured, measured), camera)

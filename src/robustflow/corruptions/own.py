@@ -128,10 +128,10 @@ def _check_methods(made: Made) -> None:
 
 def _scene_read_only(depth: SceneDepth) -> SceneDepth:
     """Return read-only views of the depth maps, because all corruptions of the pair use the same arrays."""
-    (first, second), (known, also_known), camera = depth.maps, depth.measured, depth.camera
+    (first, second), (measured, also_measured), camera = depth.maps, depth.measured, depth.camera
     if camera.rotation is not None and camera.translation is not None:
         camera = replace(camera, rotation=read_only(camera.rotation), translation=read_only(camera.translation))
-    return SceneDepth((read_only(first), read_only(second)), (read_only(known), read_only(also_known)), camera)
+    return SceneDepth((read_only(first), read_only(second)), (read_only(measured), read_only(also_measured)), camera)
 
 
 def _build(kind: type[Any], variant: str) -> Any:

@@ -148,7 +148,8 @@ def with_families(given: Iterable[Any], available: Collection[str]) -> list[Any]
         if members is None:
             chosen.append(name)
             continue
-        fitting = [one for one in members if one in available or (name in ("depth", "sensor") and one not in CLIP)]
+        of_pairs = name in ("depth", "sensor")
+        fitting = [member for member in members if member in available or (of_pairs and member not in CLIP)]
         if not fitting:
             raise UsageError(
                 name, f"no corruption of this family applies to these data; choose from {', '.join(available)}"

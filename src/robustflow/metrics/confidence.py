@@ -82,9 +82,9 @@ def confidence_correlation(error: Any, confidence: Any) -> float | None:
     errors, sure = _finite_values(error, confidence)
     if not errors.size:
         return None
-    one, other = _ranks(errors), _ranks(sure)
-    scale = _product(one, one) * _product(other, other)
-    return _product(one, other) / float(scale) ** 0.5 if scale else None
+    of_errors, of_sure = _ranks(errors), _ranks(sure)
+    scale = _product(of_errors, of_errors) * _product(of_sure, of_sure)
+    return _product(of_errors, of_sure) / float(scale) ** 0.5 if scale else None
 
 
 def forward_backward(flow: Flow, back: Flow) -> tuple[Values, Mask]:
@@ -123,7 +123,7 @@ def _bilinear(field: Values, x: Values, y: Values) -> Values:
 
 
 def _finite_values(error: Any, confidence: Any) -> tuple[Values, Values]:
-    errors, sure = (np.asarray(unmasked(each), np.float64) for each in (error, confidence))
+    errors, sure = (np.asarray(unmasked(values), np.float64) for values in (error, confidence))
     if errors.shape != sure.shape:
         raise DataError("confidence", f"its shape is {sure.shape}, but the errors have shape {errors.shape}")
     keep = ~np.isnan(errors)
@@ -159,9 +159,9 @@ def _ranks(values: Values) -> npt.NDArray[np.int64]:
     return ranks
 
 
-def _product(one: npt.NDArray[np.int64], other: npt.NDArray[np.int64]) -> int:
+def _product(first: npt.NDArray[np.int64], second: npt.NDArray[np.int64]) -> int:
     """Return the exact dot product of `_ranks`, each below the number of values: chunks whose products cannot overflow
     are summed in int64, and their sums as Python integers."""
-    chunk = max(1, 2**62 // one.size**2)
-    parts = (slice(start, start + chunk) for start in range(0, one.size, chunk))
-    return sum(int((one[part] * other[part]).sum()) for part in parts)
+    chunk = max(1, 2**62 // first.size**2)
+    parts = (slice(start, start + chunk) for start in range(0, first.size, chunk))
+    return sum(int((first[part] * second[part]).sum()) for part in parts)

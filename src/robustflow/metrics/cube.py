@@ -297,9 +297,9 @@ def _needed() -> list[tuple[str, str]]:
 
 def _numbered(rows: pl.LazyFrame, column: str) -> tuple[list[str], npt.NDArray[np.int32]]:
     """Return the distinct names in a column, sorted, and for each row the index of its name."""
-    known = rows.select(pl.col(column).unique().sort()).collect().to_series().to_list()
-    numbers = rows.select(pl.col(column).cast(pl.Enum(known)).to_physical().cast(pl.Int32)).collect()
-    return known, numbers.to_series().to_numpy()
+    values = rows.select(pl.col(column).unique().sort()).collect().to_series().to_list()
+    numbers = rows.select(pl.col(column).cast(pl.Enum(values)).to_physical().cast(pl.Int32)).collect()
+    return values, numbers.to_series().to_numpy()
 
 
 def _over_images(measure: Average, values: np.ndarray, counts: np.ndarray | None = None) -> float:

@@ -139,9 +139,9 @@ def dense(*maps: npt.NDArray[Any]) -> tuple[npt.NDArray[Any], ...]:
     """Return the maps as C-contiguous arrays; their sizes (H, W) must agree, because the compiled loops do not check
     bounds.
     """
-    if any(each.shape[:2] != maps[0].shape[:2] for each in maps):
-        raise DataError("maps", f"they differ in size: {', '.join(str(each.shape[:2]) for each in maps)}")
-    return tuple(np.require(each, requirements=["C", "A"]) for each in maps)
+    if any(array.shape[:2] != maps[0].shape[:2] for array in maps):
+        raise DataError("maps", f"they differ in size: {', '.join(str(array.shape[:2]) for array in maps)}")
+    return tuple(np.require(array, requirements=["C", "A"]) for array in maps)
 
 
 def _lengths(vectors: npt.NDArray[np.float64]) -> Errors:

@@ -143,8 +143,8 @@ class Variant:
 def paper_variants(benchmark: str, wanted: Sequence[str] | None = None) -> list[Variant]:
     """Return the variants with published values on a benchmark, in the paper's order."""
     lines = [line for line in published_results() if line.benchmark == benchmark]
-    known = {entry.method: name for name, entry in methods().items()} | _RUN_AS
-    every = [Variant(line.name, line.setting, known[line.name]) for line in lines]
+    names = {entry.method: name for name, entry in methods().items()} | _RUN_AS
+    every = [Variant(line.name, line.setting, names[line.name]) for line in lines]
     if wanted is None:
         return every
     chosen: dict[str, str] = {}
@@ -186,12 +186,12 @@ class FoundWeights:
 
 def weights_in(folders: Sequence[Path]) -> list[FoundWeights]:
     """Return the possible checkpoint files in folders and their subfolders, sorted by path."""
-    known = {entry.sha256: entry for entry in checkpoints()}
+    by_hash = {entry.sha256: entry for entry in checkpoints()}
     by_name = {entry.file: entry for entry in checkpoints()}
     weights = []
     for path in _files(folders):
         digits = _sha256(path)[:8]
-        entry = known.get(digits)
+        entry = by_hash.get(digits)
         named = by_name.get(path.name)
         claim = path.parent.name if path.stem == _TRAINED else path.stem
         weights.append(FoundWeights(path, digits, entry, claim.lower(), named if entry is None else None))

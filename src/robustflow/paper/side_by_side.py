@@ -113,7 +113,7 @@ def columns_of(artefact: Artefact, variants: Sequence[SideBySide]) -> list[tuple
             (Column(short_label(name), group=family_label(name) or ""), (metric, name)) for name in _in_paper(artefact)
         ]
         every.append((Column(f"AVG {LABELS[metric]}"), (metric, AVERAGE)))
-    shown = [one.here or one.published for one in variants]
+    shown = [entry.here or entry.published for entry in variants]
     return [(column, key) for column, key in every if any(key in values for values in shown)] or every
 
 
@@ -123,9 +123,9 @@ def comparison_table(artefact: Artefact, variants: Sequence[SideBySide]) -> Tabl
     columns = columns_of(artefact, variants)
     keys = [key for _, key in columns]
     rows: dict[str, list[Row]] = {}
-    for setting in dict.fromkeys(one.variant.setting for one in variants):
-        here = (one for one in variants if one.variant.setting == setting)
-        rows[SETTING_LABELS.get(setting, setting)] = [row for one in here for row in _rows(one, keys)]
+    for setting in dict.fromkeys(entry.variant.setting for entry in variants):
+        here = (entry for entry in variants if entry.variant.setting == setting)
+        rows[SETTING_LABELS.get(setting, setting)] = [row for entry in here for row in _rows(entry, keys)]
     title = f"{artefact.name}: {artefact.title}"
     return Table.of(artefact.name, title, [column for column, _ in columns], rows, keep_empty=True)
 
@@ -150,12 +150,12 @@ def comparison_csv(artefact: Artefact, variants: Sequence[SideBySide]) -> str:
     out = io.StringIO()
     writer = csv.writer(out, lineterminator="\n")
     writer.writerow(["setting", "model", "metric", "corruption", "published", "here", "difference", "random", "note"])
-    for one in variants:
-        published, here = one.published, one.here
+    for entry in variants:
+        published, here = entry.published, entry.here
         for _, key in columns_of(artefact, variants):
             both = (published.get(key), here.get(key))
             difference = None if None in both else here[key] - published[key]
             cells = ["" if value is None else f"{value:.6g}" for value in (*both, difference)]
-            note, random = (text_cell(one.note), "yes" if one.random else "no") if one.here else ("", "")
-            writer.writerow([one.variant.setting, one.variant.method, *key, *cells, random, note])
+            note, random = (text_cell(entry.note), "yes" if entry.random else "no") if entry.here else ("", "")
+            writer.writerow([entry.variant.setting, entry.variant.method, *key, *cells, random, note])
     return out.getvalue()

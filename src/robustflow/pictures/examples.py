@@ -101,13 +101,13 @@ def draw_example(run: Run, plan: Plan, key: str, corruption: str, severity: int)
 def _write_slider(folder: Path, slider: ListedSlider, worker: Worker, pictures: Path | None) -> None:
     clean = worker.sample(slider.key).frames
     write_bytes(folder / slider.clean, jpeg_bytes(shrunk(clean[0], SLIDER_WIDTH)))
-    for one in slider.pictures:
-        stored = None if pictures is None else picture_path(pictures, one.corruption, one.severity)
+    for picture in slider.pictures:
+        stored = None if pictures is None else picture_path(pictures, picture.corruption, picture.severity)
         if stored is not None and stored.is_file():
-            stored.replace(folder / one.file)
+            stored.replace(folder / picture.file)
         else:
-            frames = worker.frames(slider.key, one.corruption, one.severity)
-            write_bytes(folder / one.file, slider_picture(frames, clean), durable=False)
+            frames = worker.frames(slider.key, picture.corruption, picture.severity)
+            write_bytes(folder / picture.file, slider_picture(frames, clean), durable=False)
 
 
 def _panel(row: dict[str, Any], worker: Worker, why: str, form: str) -> bytes:
@@ -119,10 +119,10 @@ def _panel(row: dict[str, Any], worker: Worker, why: str, form: str) -> bytes:
 
 def _row(rows: pl.DataFrame, cell: Cell) -> dict[str, Any]:
     for column, value in zip(ROW_KEY, cell, strict=True):
-        known = rows[column].unique().sort()
+        values = rows[column].unique().sort()
         rows = rows.filter(pl.col(column) == value)
         if rows.is_empty():
-            raise unknown_name(f"{column} of this run", str(value), map(str, known[:100]))
+            raise unknown_name(f"{column} of this run", str(value), map(str, values[:100]))
     return rows.row(0, named=True)
 
 

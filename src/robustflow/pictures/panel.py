@@ -30,19 +30,19 @@ def draw_panel(panel: View, title: str, numbers: str, form: str = "png") -> byte
     """Return a panel as the content of a PNG or JPEG file; the same panel always yields the same bytes."""
     pictures = _pictures(panel)
     height, width = panel.sample.shape
-    each = max(1, round(min(WIDEST * height / width, _TALLEST)))
-    image = Image.new("RGB", (WIDTH, HEAD + len(pictures) // 2 * (CAPTION + each) + LEGEND), "white")
+    tile_height = max(1, round(min(WIDEST * height / width, _TALLEST)))
+    image = Image.new("RGB", (WIDTH, HEAD + len(pictures) // 2 * (CAPTION + tile_height) + LEGEND), "white")
     draw = ImageDraw.Draw(image)
     draw.text((LEFT[0], HEAD / 2), title, "black", _font(20, bold=True), anchor="lm")
     draw.text((WIDTH - LEFT[0], HEAD / 2), numbers, "black", _font(20), anchor="rm")
     for place, (caption, picture) in enumerate(pictures):
-        left, top = LEFT[place % 2], top_of(place, each)
+        left, top = LEFT[place % 2], top_of(place, tile_height)
         if picture is not None:
-            _paste(image, picture, (left, top), (max(1, round(each * width / height)), each))
+            _paste(image, picture, (left, top), (max(1, round(tile_height * width / height)), tile_height))
             draw.text((left, top - CAPTION / 2), caption, "black", _font(20), anchor="lm")
         else:  # in place of ground truth
             middle = left + WIDEST // 2
-            _paste(image, colour_wheel(each), (middle - each // 2, top))
+            _paste(image, colour_wheel(tile_height), (middle - tile_height // 2, top))
             draw.text((middle, top - CAPTION / 2), _WHEEL, "black", _font(20), anchor="mm")
     below = image.height - LEGEND
     if all(picture is not None for _, picture in pictures):

@@ -140,7 +140,7 @@ def check_dataset(dataset: Any, samples: int = 3) -> str:
     raise UsageError(name, "returns a sample for a key that does not exist; raise a KeyError")
 
 
-def _equal(one: Sample, other: Sample) -> bool:
-    pairs = [*zip(one.frames, other.frames, strict=False), (one.flow, other.flow), (one.valid, other.valid)]
+def _equal(first: Sample, other: Sample) -> bool:
+    pairs = [*zip(first.frames, other.frames, strict=False), (first.flow, other.flow), (first.valid, other.valid)]
     same = all((a is None and b is None) or np.array_equal(np.asarray(a), np.asarray(b)) for a, b in pairs)
-    return same and len(one.frames) == len(other.frames) and one.group == other.group
+    return same and len(first.frames) == len(other.frames) and first.group == other.group

@@ -52,7 +52,7 @@ def displacement(
 ) -> npt.NDArray[np.float64]:
     """Measure how far content moves, with frames whose grey values code the position."""
     state = corruption.draw_with_depth(stream_for(corruption, severity, seed, "displacement"), severity, shape, depth)
-    found = []
+    shifts = []
     for places in np.indices(shape)[::-1]:
         angles = 2 * np.pi * places / _PERIOD
         read = np.zeros(shape, np.complex128)
@@ -63,8 +63,8 @@ def displacement(
         rows, columns = (size // _BLOCK for size in shape)
         tiles = read[: rows * _BLOCK, : columns * _BLOCK].reshape(rows, _BLOCK, columns, _BLOCK)
         mean = tiles.mean(axis=(1, 3)) * (2 / (_PHASES * _AMPLITUDE))
-        found.append(np.where(np.abs(mean) > _READABLE, np.angle(mean) * _PERIOD / (2 * np.pi), np.nan))
-    return np.stack(found, axis=2)
+        shifts.append(np.where(np.abs(mean) > _READABLE, np.angle(mean) * _PERIOD / (2 * np.pi), np.nan))
+    return np.stack(shifts, axis=2)
 
 
 def distortion(first: npt.NDArray[np.float64], second: npt.NDArray[np.float64]) -> float:
@@ -118,9 +118,9 @@ def _check_frames(first: Corruption, second: Corruption, severity: int, shape: t
     frames, clean = frames_of(shape), frames_of(shape)
     scene = _scene(shape, severity % 2 == 0) if first.needs_depth else None
 
-    def results(one: Corruption, places: Iterable[int]) -> dict[int, Any]:
-        state = one.draw_with_depth(stream_for(one, severity, seed, "check"), severity, shape, scene)
-        return {place: one.apply(frames[place], state, place % 2 if scene else place) for place in places}
+    def results(instance: Corruption, places: Iterable[int]) -> dict[int, Any]:
+        state = instance.draw_with_depth(stream_for(instance, severity, seed, "check"), severity, shape, scene)
+        return {place: instance.apply(frames[place], state, place % 2 if scene else place) for place in places}
 
     forth, back = results(first, range(len(frames))), results(second, reversed(range(len(frames))))
     for place, out in forth.items():
@@ -226,11 +226,11 @@ def check_attack(attack: Any, seed: int = 0) -> str:
                 require(inside, first.name, f"{where} exceeds its budget; end with problem.ball.project(images)")
                 unchanged = all(map(np.array_equal, frames, before))
                 require(unchanged, first.name, f"{where} modifies its input frames; copy them first")
-                found = problem.loss.score(problem.loss.of(model.flow(images), weighted=False))
+                score = problem.loss.score(problem.loss.of(model.flow(images), weighted=False))
                 require(
-                    not problem.trace or found >= problem.best_score - 1e-4,
+                    not problem.trace or score >= problem.best_score - 1e-4,
                     first.name,
-                    f"{where} returns a pair with score {found:.4g} but evaluated one with score "
+                    f"{where} returns a pair with score {score:.4g} but evaluated one with score "
                     f"{problem.best_score:.4g}; return problem.best",
                 )
                 again = second.problem(model, pair, model.predict(*frames))

@@ -37,7 +37,7 @@ class Fog3d(DepthCorruption):
         green, tint = rng.uniform(_DARKEST, _BRIGHTEST), rng.uniform(-_TINT, _TINT)
         density = _CONTRAST / self.parameter(severity)
         first, second = (
-            transmission(one, depth.camera.intrinsics(index), density) for index, one in enumerate(depth.maps)
+            transmission(metres, depth.camera.intrinsics(index), density) for index, metres in enumerate(depth.maps)
         )
         return np.array([green - tint, green, green + tint], np.float32), (first, second)
 

@@ -89,11 +89,11 @@ def _fetch(folder: Path) -> dict[str, bytes]:
         folder.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryDirectory(prefix="fetch-", dir=folder) as temporary:
             _download(temporary)
-            found = {name: Path(temporary, "imagecorruptions", "frost", name) for name in TEXTURES}
-            contents = {name: _read(path) or b"" for name, path in found.items()}
+            extracted = {name: Path(temporary, "imagecorruptions", "frost", name) for name in TEXTURES}
+            contents = {name: _read(path) or b"" for name, path in extracted.items()}
             if wrong := [name for name, content in contents.items() if not _is_genuine(name, content)]:
                 raise AssetError(WHEEL, f"its {wrong[0]} is missing or has the wrong SHA-256; {_REMEDY}")
-            for name, path in found.items():
+            for name, path in extracted.items():
                 os.replace(path, folder / name)
             return contents
     except OSError as error:
