@@ -174,6 +174,7 @@ def _shuffle(key: Any, source: Any, height: int, width: int, reach: int, offsets
 
 @njit(cache=True, nogil=True)
 def _gather(pixels: Any, source: Any, out: Any) -> None:
+    """Take pixels (N, 3) at the indices `source` (N,)."""
     for i in range(source.size):
         at = np.uint64(source[i])
         out[i, 0] = pixels[at, 0]

@@ -127,6 +127,7 @@ def _shrink_columns(source: Any, picks: Any, fewest: Any, weights: Any, sums: An
 
 @njit(cache=True, nogil=True)
 def _shrink_rows(source: Any, first: Any, count: Any, weight: Any, sums: Any, out: Any) -> None:
+    """Weigh the sums of `count` rows from `first` on for each output row; 22 fractional bits, rounded half up."""
     for y in range(out.shape[0]):
         sums[:] = 0
         for n in range(count[y]):
@@ -140,6 +141,7 @@ def _shrink_rows(source: Any, first: Any, count: Any, weight: Any, sums: Any, ou
 
 @njit(cache=True, nogil=True)
 def _grow(small: Any, rows: Any, columns: Any, out: Any) -> None:
+    """Repeat pixels of `small` (h, 3 w); a row equal to the one above is copied from there."""
     for y in range(rows.size):
         o = out[y]
         if y > 0 and rows[y] == rows[y - 1]:

@@ -116,6 +116,7 @@ def value_table(new_value: npt.NDArray[np.float64], floor: bool = False) -> Tabl
 
 @njit(cache=True, nogil=True)
 def _look_up(source: Any, table: Any, out: Any) -> None:
+    """Map each channel by the table's row of the pixel's largest channel, which is V of HSV."""
     for y in range(source.shape[0]):
         s, o = source[y], out[y]
         for x in range(s.shape[0]):

@@ -98,6 +98,7 @@ def gaussian_table(scale: float, floor: bool = False) -> npt.NDArray[np.uint32]:
 
 @njit(cache=True, nogil=True)
 def _add_noise(source: Any, table: Any, key: Any, work: Any, out: Any) -> None:
+    """Draw each sample's noise by the alias method, 32 bits a sample, in blocks that fit the cache."""
     words, lanes, entries = work
     for start in range(0, source.size, 2 * BLOCK):
         fill_bits(key, np.uint64(start // 2), words)
@@ -159,6 +160,7 @@ def _relabel(table: npt.NDArray[np.uint32], levels: npt.NDArray[Any]) -> npt.NDA
 def _replace_levels(
     source: Any, tables: Any, column_bits: Any, height_shift: Any, key: Any, work: Any, out: Any
 ) -> None:
+    """Draw each sample from the alias table of its grey level, 32 bits a sample, in blocks that fit the cache."""
     words, lanes, entries = work
     for start in range(0, source.size, 2 * BLOCK):
         fill_bits(key, np.uint64(start // 2), words)
@@ -195,6 +197,7 @@ class ImpulseNoise(Noise):
 
 @njit(cache=True, nogil=True)
 def _impulse_samples(source: Any, pepper: Any, both: Any, key: Any, words: Any, lanes: Any, out: Any) -> None:
+    """Set samples (N,) to 0 below the threshold `pepper`, to 255 below `both`; 16 bits a sample."""
     for start in range(0, source.size, 4 * BLOCK):
         fill_bits(key, np.uint64(start // 4), words)
         s = source[start : start + 4 * BLOCK]
@@ -206,6 +209,7 @@ def _impulse_samples(source: Any, pepper: Any, both: Any, key: Any, words: Any, 
 
 @njit(cache=True, nogil=True)
 def _impulse_pixels(source: Any, pepper: Any, both: Any, key: Any, words: Any, lanes: Any, out: Any) -> None:
+    """The same for whole pixels (N, 3), 16 bits a pixel."""
     for start in range(0, source.shape[0], 4 * BLOCK):
         fill_bits(key, np.uint64(start // 4), words)
         s = source[start : start + 4 * BLOCK]

@@ -59,6 +59,7 @@ def _compared(frame1: Frame, columns: npt.NDArray[np.int64], flow: Flow, step: i
 
 @njit_late(f"void({_FRAME_TYPE}, int64[:, ::1])", cache=True)
 def _fill(frame2: Any, columns: Any) -> None:
+    """Store each pixel's grey sum and that of the pixel below in one int64, so that one lookup reads two rows."""
     height, width = frame2.shape[0], frame2.shape[1]
     for y in range(height - 1, -1, -1):
         for x in range(width):
@@ -70,6 +71,7 @@ def _fill(frame2: Any, columns: Any) -> None:
 
 @njit_late(f"void({_FRAME_TYPE}, int64[:, ::1], {FLOW_TYPE}, int64, int32[:, ::1], int64[::1])", cache=True)
 def _compare(frame1: Any, columns: Any, flow: Any, step: Any, errors: Any, sums: Any) -> None:
+    """Interpolate frame 2 at each pixel's target, in 1/256 px, and add up differences, all in exact integers."""
     height, width = columns.shape[0], columns.shape[1] - 1
     n, total, still = 0, 0, 0
     for row in range(errors.shape[0]):

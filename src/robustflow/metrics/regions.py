@@ -60,6 +60,7 @@ def edge_distance(edges: Mask) -> Errors:
 
 @inner
 def _jumps(flow: Any, magnitude: Any, y0: Any, x0: Any, y1: Any, x1: Any, gap: Any) -> Any:
+    """Return whether the motion differs by more than a pixel and 5 % per pixel of distance `gap`."""
     du = np.float64(flow[y0, x0, 0]) - np.float64(flow[y1, x1, 0])
     dv = np.float64(flow[y0, x0, 1]) - np.float64(flow[y1, x1, 1])
     jump, longer = math.sqrt(du * du + dv * dv), np.maximum(magnitude[y0, x0], magnitude[y1, x1])

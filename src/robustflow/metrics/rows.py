@@ -287,6 +287,7 @@ def _sums(
     label_counts: Any,
     label_totals: Any,
 ) -> None:
+    """Add up all sums and counts of a row in one pass over the pixels, by label; `pred` and `clean` are (H W, 2)."""
     n_invalid, n_all, px1, px3, px5, points = 0, 0, 0, 0, 0, 0
     moved_all, length_all, errors, moved_valid, magnitudes, before_all = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for i in range(labels.size):

@@ -87,6 +87,7 @@ def _signed_radii(depth: Any, focus: Any, infinity: Any, largest: Any, out: Any)
 
 @njit(cache=True, nogil=True)
 def _sort(signed: Any, low: Any, scale: Any, last: Any, out: Any) -> None:
+    """Round signed blur radii (H, W) to the numbers of their layers, uint8 (H, W)."""
     for y in range(signed.shape[0]):
         source, target = signed[y], out[y]
         for x in range(source.size):

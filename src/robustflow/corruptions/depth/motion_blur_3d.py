@@ -323,6 +323,7 @@ def _blur_row(packed: Any, sums: Any, paths: Any, parts: Any, y: int, height: in
 def _average(
     frame: Any, inverse: Any, near: Any, lens: Any, turn: Any, translation: Any, share: float, out: Any
 ) -> None:
+    """Average the views of every pixel of a frame (H, W, 3) along its path, from inverse depths (H, W)."""
     height, width = inverse.shape
     packed, depths, bytes_ = np.empty(height * width, np.uint64), inverse.reshape(-1), out.reshape(-1)
     pack(frame, packed)

@@ -100,6 +100,7 @@ def _decay() -> npt.NDArray[np.float32]:
 
 @njit(cache=True, nogil=True)
 def _look_up(depth: Any, down: Any, across: Any, scale: Any, start: Any, table: Any, out: Any) -> None:
+    """Look up the length of each ray, depth (H, W) times sqrt(1 + `down` (H,) + `across` (W,)), in a table."""
     last = np.float32(table.shape[0] - 2)
     for y in range(depth.shape[0]):
         source, target, rest = depth[y], out[y], np.float32(1) + down[y]
@@ -112,6 +113,7 @@ def _look_up(depth: Any, down: Any, across: Any, scale: Any, start: Any, table: 
 
 @njit(cache=True, nogil=True)
 def _blend(frame: Any, passed: Any, colour: Any, out: Any) -> None:
+    """Mix a frame (H, W, 3) with one colour: `passed` (H, W) is the frame's share of each pixel."""
     red, green, blue = colour[0], colour[1], colour[2]
     for y in range(frame.shape[0]):
         source, target, row = frame[y], out[y], passed[y]

@@ -163,6 +163,7 @@ def _add_rim(total: Any, weight: Any, sums: Any, first: Any, second: Any, third:
 
 @inner
 def _add_rim_rows(ring: Any, y: int, rim: Any, weights: Any, middle: int, total: Any) -> None:
+    """Add the smoothed rim: line k of `rim` has two row offsets and their half widths, `weights` (K,) the taps."""
     window = len(ring)
     for k in range(len(rim)):
         d, h, e, g = rim[k, 0], rim[k, 1], rim[k, 2], rim[k, 3]

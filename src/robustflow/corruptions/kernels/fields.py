@@ -58,6 +58,7 @@ def _kernel(sigma: float) -> npt.NDArray[np.float64]:
 
 @inner
 def _dot(a: Any, b: Any) -> Any:
+    """Sum products of int16 in int32, a form that compiles to the processor's multiply-and-add."""
     total = np.int32(0)
     for i in range(a.size):
         total = np.int32(total + np.int32(np.int32(a[i]) * np.int32(b[i])))
@@ -66,6 +67,7 @@ def _dot(a: Any, b: Any) -> Any:
 
 @njit(cache=True, nogil=True)
 def _blur_along(key: Any, width: int, step: int, weights: Any, out: Any) -> None:
+    """Draw the noise of each row, four samples from a hash, and filter it at every `step`-th column of N."""
     radius = weights.size // 2
     before = step + radius
     words = (width + 3) // 4
@@ -92,6 +94,7 @@ def _blur_along(key: Any, width: int, step: int, weights: Any, out: Any) -> None
 
 @njit(cache=True, nogil=True)
 def _blur_down(rows: Any, step: int, weights: Any, out: Any) -> None:
+    """Filter columns of `rows` (H, N) at every `step`-th row; node 0 lies one step outside."""
     radius, height = weights.size // 2, rows.shape[0]
     for i in range(out.shape[0]):
         target = out[i]
@@ -219,6 +222,7 @@ def _doubled(
 
 @njit(cache=True, nogil=True)
 def _double(coarse: Any, start: int, points: int, key: Any, amplitude: Any, centres: Any, bits: Any, fine: Any) -> None:
+    """Double the resolution by one diamond and one square step; only two rows of `centres` (2, N) are kept."""
     rows, columns = coarse.shape
     quarter = np.float32(0.25)
     for i in range(rows - 1):

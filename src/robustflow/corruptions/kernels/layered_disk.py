@@ -176,6 +176,7 @@ def _sum_row(sums: Any, y: int, reach: int, widths: Any, word: Any, total: Any) 
 
 @inner
 def _unpack(word: Any, total: Any) -> None:
+    """Add packed sums (N,) to `total` (4, N), red, green, blue and coverage, before a field can overflow."""
     mask = _U((1 << _FIELD) - 1)
     red, green, blue, cover = total[0], total[1], total[2], total[3]
     for i in range(word.size):
@@ -248,6 +249,7 @@ def _blur(
     areas: Any,
     out: Any,
 ) -> None:
+    """Blur in strips of rows and columns that fit the cache, from the nearest layer (H, W) to the farthest."""
     height, width = layers.shape
     most = 0
     for k in range(reach.size):

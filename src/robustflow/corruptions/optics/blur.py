@@ -52,6 +52,8 @@ def transform(work: npt.NDArray[np.float32], roots: npt.NDArray[np.float32]) -> 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _transform(blocks: Any, spare: Any, roots: Any) -> None:
+    """Transform each block, (length, 2 columns) as real and imaginary parts, in place: Stockham's FFT of radix 4, 3 and
+    2."""
     length = roots.shape[0]
     for number in range(blocks.shape[0]):
         x, y = blocks[number], spare

@@ -197,6 +197,7 @@ class FirstOrder(NamedTuple):
 
 @njit(cache=True, error_model="numpy")
 def first_order(surfaces: Any, stop: int) -> FirstOrder:
+    """Trace paraxial rays through `surfaces`: curvature, conic, thickness, index, one array each."""
     curvature, _, thickness, index = surfaces
     height, slope = 1.0, 0.0
     for k in range(curvature.size):

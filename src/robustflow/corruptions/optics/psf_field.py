@@ -100,6 +100,7 @@ def kernels_at(stack: Any, dx: Any, dy: Any, corner: float, out: Any) -> None:
 
 @njit(cache=True, error_model="numpy")
 def _rotate(stack: Any, dx: Any, dy: Any, corner: float, at_distance: Any, out: Any) -> None:
+    """Interpolate a stack (64, 3, 61, 61) at each point's distance, turn it towards the point, and normalise it."""
     fields, colours, size, _ = stack.shape
     middle = (size - 1) / 2.0
     for p in range(dx.size):

@@ -166,6 +166,8 @@ def _poisson_table(mean: Decimal, bits: int) -> npt.NDArray[np.uint32]:
 def _expose(
     light: Any, electrons: Any, level: Any, read: Any, whole: Any, rest: Any, normal: Any, key: Any, out: Any
 ) -> None:
+    """Draw the electrons of each pixel of a row: below a mean of `EXACT`, Poisson numbers of its whole and its
+    fractional part are added; above, a normal number is corrected for skewness."""
     words = np.empty(_BLOCK, np.uint64)
     counts, read_out = np.empty(_BLOCK, np.float32), np.empty(_BLOCK, np.float32)
     photons, columns, rest_columns = (

@@ -112,6 +112,7 @@ def _as_float32(*arrays: Any) -> tuple[Any, ...]:
 
 @njit(cache=True, nogil=True)
 def _mosaic(frame: Any, light: Any, matrix: Any, gains: Any, out: Any) -> None:
+    """Compute the light (H, W) of an RGGB sensor; above the knee, the gains fade, so that white stays white."""
     one, knee = np.float32(1.0), np.float32(KNEE)
     slope = np.float32(1.0 / (1.0 - KNEE))
     for y in range(out.shape[0]):

@@ -87,6 +87,7 @@ def _taps(source: int, target: int) -> tuple[npt.NDArray[np.int64], npt.NDArray[
 
 @njit(cache=True, nogil=True)
 def _resize(image: Any, rows: Any, row_weights: Any, columns: Any, column_weights: Any, line: Any, out: Any) -> None:
+    """Resize (h, w, 3) to (H, W, 3) bicubically; the order of the sums fixes their bits."""
     for y in range(out.shape[0]):
         a, b = image[rows[y, 0]], image[rows[y, 1]]
         c, d = image[rows[y, 2]], image[rows[y, 3]]
@@ -160,6 +161,7 @@ class Frost(Corruption):
 
 @njit(cache=True, nogil=True)
 def _blend(frame: Any, frost: Any, top: int, left: int, keep: Any, add: Any, out: Any) -> None:
+    """Mix rows (H, 3 W) with a cut of the texture: `keep` and `add` are the shares."""
     height, n = frame.shape
     for y in range(height):
         source, layer, target = frame[y], frost[top + y][left : left + n], out[y]

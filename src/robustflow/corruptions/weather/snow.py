@@ -107,6 +107,7 @@ def _enlarge(
 
 @njit(cache=True, nogil=True)
 def _whiten(rows: Any, layer: Any, share: Any, veil: Any, snow: Any, out: Any) -> None:
+    """Whiten rows (H, 3 W) towards grey, and add the layer (H, W) and the same turned by 180 degrees."""
     height, width = rows.shape[0], rows.shape[1] // 3
     rest, top = np.float32(1) - share, np.float32(255)
     for y in range(height):

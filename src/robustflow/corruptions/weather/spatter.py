@@ -96,6 +96,7 @@ def _water(liquid: npt.NDArray[np.uint8], strength: float) -> Plane:
 
 @njit(cache=True, nogil=True)
 def _quantise(noise: Any, limit: Any, mean: Any, scale: Any, out: Any) -> None:
+    """Set noise (H, W) below the limit to 0, and round the rest down to bytes."""
     for y in range(noise.shape[0]):
         row, target = noise[y], out[y]
         for x in range(row.size):
