@@ -42,7 +42,7 @@ import skimage
 from robustflow.core.files import sealed, write_json
 from robustflow.core.types import Frame
 from robustflow.corruptions.api import stream_for
-from robustflow.corruptions.base import Corruption
+from robustflow.corruptions.corruption import Corruption
 from robustflow.corruptions.registry import CORRUPTIONS
 from robustflow.corruptions.scale import CalibratedCorruption, CalibrationTable, Level, shipped
 from robustflow.media.images import images_in, read_image

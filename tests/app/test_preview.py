@@ -12,7 +12,7 @@ import pytest
 from PIL import Image
 
 import robustflow as rf
-from robustflow.app.pairs import Models
+from robustflow.app.models import Models
 from robustflow.core.errors import ModelError
 from robustflow.corruptions import load_corruption
 from robustflow.data.benchmarks.paper import DEMO_CLASSES

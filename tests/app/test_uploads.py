@@ -13,7 +13,7 @@ import pytest
 from PIL import Image
 
 import robustflow as rf
-from robustflow.app.pairs import KEPT
+from robustflow.app.sources import KEPT
 from robustflow.app.uploads import MAX_CLIP_FRAMES
 from robustflow.media.flow import flo_bytes
 from tests.data.video import clips

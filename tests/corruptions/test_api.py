@@ -10,8 +10,8 @@ from skimage import data
 from robustflow.core.errors import AssetError, DataError
 from robustflow.corruptions import IMAGE_PAIR, corrupt, corrupt_clip, load_corruption
 from robustflow.corruptions.api import stream_for
-from robustflow.corruptions.base import VARIANTS
 from robustflow.corruptions.condition import condition_of
+from robustflow.corruptions.corruption import VARIANTS
 from robustflow.corruptions.registry import CLIP, CORRUPTIONS, FURTHER
 
 from ..refusals import refusal

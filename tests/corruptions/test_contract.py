@@ -20,7 +20,7 @@ import robustflow
 from robustflow.core.errors import AssetError
 from robustflow.core.rng import Rng
 from robustflow.corruptions import corrupt, load_corruption, machine_check
-from robustflow.corruptions.base import VARIANTS
+from robustflow.corruptions.corruption import VARIANTS
 from robustflow.corruptions.registry import CLIP, CORRUPTIONS, FURTHER, PAPER_ORDER
 from robustflow.data.video import machine_check as clips
 
@@ -220,7 +220,7 @@ def test_planted_corruption_costs_one_file_and_one_line(tmp_path):
 
 
 PLANTED = """
-from ..base import Corruption
+from ..corruption import Corruption
 
 class DeadRows(Corruption):
     name = "dead_rows"

@@ -7,7 +7,7 @@ import json
 from pathlib import Path
 
 from robustflow.corruptions import corrupt, load_corruption
-from robustflow.corruptions.base import BGR, VARIANTS
+from robustflow.corruptions.corruption import BGR, VARIANTS
 from robustflow.corruptions.machine_check import CHECKED
 from robustflow.data.benchmarks.paper import DEMO_CLASSES
 

@@ -66,7 +66,7 @@ def test_a_run_is_drawn_again_only_with_the_corruption_that_the_user_names(rain_
     own = ["--corruptions", "rain_module:Rain"]
     robustflow.prints("run", "--model", "dis", "-s", "1", "--no-examples", "--output", "run", *own)
     forget()
-    monkeypatch.setattr("robustflow.corruptions.own._own", {})
+    monkeypatch.setattr("robustflow.corruptions.user_corruptions._own", {})
     robustflow.refusal("report run --examples", RunError, "rain")
     assert "rain_module" not in sys.modules
     robustflow.prints("report", "run", "--examples", "--own-corruption", "rain_module:Rain")

@@ -23,7 +23,8 @@ from ..metrics.rows import measure
 from ..models import FlowModel
 from ..models.base import predict_checked
 from ..report.gallery.examples import cell_scores
-from .pairs import Models, SourceStore
+from .models import Models
+from .sources import SourceStore
 
 _WIDEST = 1280
 """Maximum width of a picture, in pixels; metrics are computed at full resolution."""

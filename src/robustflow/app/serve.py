@@ -31,9 +31,10 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from ..core.errors import UsageError
 from ..core.output import echo
 from ..models import ModelSpec
-from .pairs import Models, SourceStore
+from .models import Models
 from .prediction_queue import PredictionQueue
-from .server import FILES, build
+from .routes import FILES, build
+from .sources import SourceStore
 
 POLICY = (
     "default-src 'none'; script-src 'self'; style-src 'self'; img-src data:; connect-src 'self'; "

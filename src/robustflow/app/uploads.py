@@ -22,7 +22,7 @@ from ..data.video.container import main_stream, open_video
 from ..media.flow import read_flow
 from ..media.images import IMAGE_SUFFIXES, stored_size
 from ..metrics.photometric import misread_truth
-from .pairs import PairSource, clip_pairs, one_pair
+from .sources import PairSource, clip_pairs, one_pair
 
 MAX_BYTES = 64 * 2**20
 """Maximum total size of all files of one upload."""

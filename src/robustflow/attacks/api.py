@@ -18,10 +18,10 @@ from .ball import frames_of
 from .base import Attack, is_of_package, run_attack
 from .evaluation import in_lockstep
 from .loss import Loss
-from .own import OwnAttack, is_own, own_attacks_among, register_attack, with_target_registered
 from .problem import Pair
 from .registry import ATTACKS, CONTROLS, attack_spec
 from .result import Attacked, norms_of
+from .user_attacks import OwnAttack, is_own, own_attacks_among, register_attack, with_target_registered
 
 AnyAttack = str | Attack | Any
 """The name of an attack, an attack from `load_attack`, or the user's own attack as an object or class."""

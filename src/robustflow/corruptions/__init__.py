@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from ..core.arguments import SEVERITIES
 from .api import corrupt, corrupt_clip, corruption_name, corruption_names, list_corruptions, load_corruption
-from .base import Corruption, DepthCorruption
+from .corruption import Corruption, DepthCorruption
 from .registry import CLIP, CORRUPTIONS, FAMILIES, IMAGE_PAIR, PAPER_ORDER
 
 __all__ = [

@@ -15,11 +15,11 @@ from ..core.errors import DataError, UsageError, unknown_name
 from ..core.plugins import own_name
 from ..core.rng import Rng, check_seed
 from ..core.types import Frame, SceneDepth, check_frame
-from .base import BGR, SCALES, Corruption
 from .condition import Stack, condition_of, with_targets_registered
-from .own import OwnCorruption, own_among, own_corruption, register_custom
+from .corruption import BGR, SCALES, Corruption
 from .registry import CORRUPTIONS, refuse_on_disk
 from .scale import calibrated_severities
+from .user_corruptions import OwnCorruption, own_among, own_corruption, register_custom
 
 
 class ChannelsReversed(Corruption):

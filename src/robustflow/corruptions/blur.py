@@ -19,7 +19,7 @@ from ..core.pickle_scan import load_tensors
 from ..core.plugins import require
 from ..core.rng import Rng, hash64
 from ..core.types import Frame
-from .base import Corruption
+from .corruption import Corruption
 from .kernels.disk import convolve_disk
 from .kernels.filters import FLOOR, gaussian_frame
 from .kernels.line_motion import LineKernel, line_kernel, move_frame

@@ -7,7 +7,7 @@ from typing import Any, ClassVar, NoReturn
 from ..core.errors import UsageError
 from ..core.rng import Rng
 from ..core.types import Frame
-from .base import Corruption
+from .corruption import Corruption
 from .registry import BETWEEN_FRAMES
 
 

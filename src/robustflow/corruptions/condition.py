@@ -18,10 +18,10 @@ from ..core.errors import UsageError
 from ..core.plugins import import_target, is_target
 from ..core.rng import Rng
 from ..core.types import Frame, SceneDepth
-from .base import Corruption
-from .own import is_known, own_corruption, register_custom
+from .corruption import Corruption
 from .registry import CORRUPTIONS, FURTHER, SHIPPED, refuse_on_disk
 from .scale import calibrated_levels
+from .user_corruptions import is_known, own_corruption, register_custom
 
 _PLUS, _COLON = "+", ":"
 

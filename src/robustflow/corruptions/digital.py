@@ -13,7 +13,7 @@ from ..core.compiled import contiguous, njit
 from ..core.errors import RobustFlowError
 from ..core.rng import Rng
 from ..core.types import Frame
-from .base import Corruption
+from .corruption import Corruption
 from .kernels.fields import SmoothField, field_row, smooth_field
 from .kernels.filters import mirrored_with_edge, to_bytes
 

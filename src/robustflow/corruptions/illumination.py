@@ -15,7 +15,7 @@ import numpy.typing as npt
 from ..core.compiled import njit
 from ..core.rng import Rng
 from ..core.types import Frame
-from .base import Corruption
+from .corruption import Corruption
 from .kernels.filters import to_bytes
 
 

@@ -20,7 +20,7 @@ import numpy.typing as npt
 from ..core.compiled import njit
 from ..core.rng import Rng, fill_bits
 from ..core.types import Frame
-from .base import Corruption
+from .corruption import Corruption
 from .kernels.alias import alias_table, counts_from_cdf, height_bits, normal_cdf, poisson_cdf
 from .kernels.filters import to_bytes
 

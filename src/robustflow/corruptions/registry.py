@@ -17,7 +17,7 @@ from ..core.errors import UsageError
 from ..core.plugins import Registry
 
 if TYPE_CHECKING:
-    from .base import Corruption
+    from .corruption import Corruption
 
 
 ROBUSTSPRING: dict[str, tuple[str, ...]] = {

@@ -12,7 +12,7 @@ from torchvision import tv_tensors
 
 from ..core.arguments import SEVERITIES
 from ..core.errors import DataError
-from .base import Corruption
+from .corruption import Corruption
 from .transform import CorruptionTransform
 
 

@@ -27,8 +27,8 @@ from ..core.errors import DataError, UsageError
 from ..core.rng import Rng, check_seed
 from ..core.types import Frame
 from .api import load_corruption
-from .base import Corruption
 from .condition import condition_of
+from .corruption import Corruption
 from .registry import CLIP, IMAGE_PAIR
 
 Image = npt.NDArray[Any]

@@ -20,7 +20,7 @@ from ..core.errors import UsageError
 from ..core.files import digest_of_value
 from ..core.rng import Rng, key_of
 from ..core.types import Flow, Sample
-from ..corruptions.base import BGR, VARIANTS
+from ..corruptions.corruption import BGR, VARIANTS
 from ..data.benchmarks import Benchmark
 from ..data.datasets.split import read_split
 from ..metrics.error_maps import epe_map

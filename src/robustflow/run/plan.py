@@ -17,7 +17,7 @@ from ..attacks.registry import ATTACK_VERSION
 from ..core.errors import UsageError
 from ..core.types import Flow, Frame
 from ..corruptions.api import STREAM_VERSION, load_corruption, user_sources
-from ..corruptions.base import BGR, VARIANTS, Corruption
+from ..corruptions.corruption import BGR, VARIANTS, Corruption
 from ..corruptions.registry import ON_DISK
 from ..data.benchmarks.base import Benchmark
 from ..data.datasets.base import Dataset, Depths

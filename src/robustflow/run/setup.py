@@ -10,8 +10,8 @@ from typing import Any
 from ..core.arguments import check_count
 from ..core.errors import RobustFlowError, RunError, UsageError
 from ..core.text import plain
-from ..corruptions.base import BGR, VARIANTS
-from ..corruptions.own import is_known
+from ..corruptions.corruption import BGR, VARIANTS
+from ..corruptions.user_corruptions import is_known
 from ..data.benchmarks import BENCHMARKS, Benchmark, benchmark_facts, load_benchmark
 from ..data.benchmarks.facts import check_still, is_still, moving_name
 from ..data.benchmarks.registry import check_keys

@@ -17,7 +17,7 @@ from ..core.errors import DataError, RunError, UsageError, first_line
 from ..core.files import quick_digest_of_bytes, write_bytes
 from ..core.types import Flow, Frame, Sample, SceneDepth
 from ..corruptions.api import corrupt_clip
-from ..corruptions.base import Corruption
+from ..corruptions.corruption import Corruption
 from ..corruptions.registry import SHIPPED
 from ..data.datasets.base import Clips, PreCorrupted
 from ..data.datasets.clips import ContextFrames

@@ -16,7 +16,7 @@ from ..core.arguments import SEVERITIES
 from ..core.errors import UsageError
 from ..core.types import Camera, Flow, Frame, SceneDepth
 from ..corruptions.api import load_corruption, stream_for
-from ..corruptions.base import Corruption
+from ..corruptions.corruption import Corruption
 
 
 def require(holds: Any, culprit: str, message: str) -> None:

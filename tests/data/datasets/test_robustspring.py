@@ -10,8 +10,8 @@ import pytest
 
 from robustflow.core.errors import DataError, UsageError
 from robustflow.corruptions import CORRUPTIONS, load_corruption
-from robustflow.corruptions.own import register_custom
 from robustflow.corruptions.registry import MEMBERS, ON_DISK, ON_DISK_PREFIX, ORDER
+from robustflow.corruptions.user_corruptions import register_custom
 from robustflow.data.benchmarks import benchmark_facts, load_benchmark
 from robustflow.data.benchmarks.setting import setting_of
 from robustflow.data.datasets import load_dataset

@@ -11,7 +11,7 @@ import numpy.typing as npt
 from ...core.compiled import njit
 from ...core.rng import Rng
 from ...core.types import DepthMap, Frame, SceneDepth
-from ..base import DepthCorruption
+from ..corruption import DepthCorruption
 from ..kernels.layered_disk import blur_layers
 
 _NEAR, _FAR = 0.1, 0.9

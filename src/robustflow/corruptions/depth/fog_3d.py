@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from ...core.rng import Rng
 from ...core.types import Frame, SceneDepth
-from ..base import DepthCorruption
+from ..corruption import DepthCorruption
 from .scene import Transmission, transmission, veiled
 
 _CONTRAST = 3.912

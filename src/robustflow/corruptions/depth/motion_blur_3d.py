@@ -9,7 +9,7 @@ import numpy as np
 from ...core.compiled import contiguous, inner, njit
 from ...core.rng import Rng
 from ...core.types import Camera, DepthMap, Frame, SceneDepth
-from ..base import DepthCorruption
+from ..corruption import DepthCorruption
 from ..kernels.packed import EIGHTHS, FRACTION, between, divide, mean, pack, reciprocals, until
 from .scene import Motion, motion_of
 

@@ -18,7 +18,7 @@ from ...core.compiled import inner, njit
 from ...core.errors import UsageError
 from ...core.rng import Rng, hash64, natural_log
 from ...core.types import Camera, DepthMap, Frame, SceneDepth
-from ..base import DepthCorruption
+from ..corruption import DepthCorruption
 from .scene import FRAME_INTERVAL, STILL, Motion, motion_of, moved, transmission, veiled
 
 Points = npt.NDArray[np.float64]

@@ -16,7 +16,7 @@ import numpy as np
 from ...core.compiled import contiguous, inner, njit
 from ...core.rng import Rng
 from ...core.types import Frame
-from ..base import Corruption
+from ..corruption import Corruption
 from ..kernels.filters import mirrored
 from .camera import (
     BLACK,

@@ -20,7 +20,7 @@ from ...core.compiled import contiguous, njit
 from ...core.errors import AssetError
 from ...core.rng import Rng
 from ...core.types import Frame
-from ..base import Corruption
+from ..corruption import Corruption
 from ..kernels.cache import BytesCache
 from ..kernels.fields import plasma_corner
 from .frost_photographs import TEXTURES, read_texture

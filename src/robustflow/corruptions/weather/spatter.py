@@ -16,7 +16,7 @@ import numpy.typing as npt
 from ...core.compiled import contiguous, njit
 from ...core.rng import Rng
 from ...core.types import Frame
-from ..base import Corruption
+from ..corruption import Corruption
 from ..kernels.fields import UNIT, normal_field
 from ..kernels.filters import Plane, gaussian_plane
 

@@ -25,9 +25,10 @@ from ..core.errors import RobustFlowError, first_misfit
 from ..corruptions.registry import CLIP, CORRUPTIONS, FAMILIES, PAPER_ORDER
 from ..media.colours import HIGHEST, LOWEST, error_colours, flow_colours
 from ..media.images import png_address
-from .pairs import DEMO, Models, SourceStore
+from .models import Models
 from .prediction_queue import Message, PredictionQueue, QueuedPrediction
 from .preview import Previewer, PreviewRequest
+from .sources import DEMO, SourceStore
 from .uploads import MAX_BYTES, limited, source_of
 
 _MAX_REQUEST = 2**14

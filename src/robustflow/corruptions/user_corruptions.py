@@ -19,7 +19,7 @@ from ..core.plugins import called, checked_name, described, own_name
 from ..core.rng import Rng
 from ..core.source_digest import source_digest
 from ..core.types import TRUTHS, Frame, SceneDepth, described_array, read_only
-from .base import BGR, VARIANTS, Corruption
+from .corruption import BGR, VARIANTS, Corruption
 from .registry import CORRUPTIONS, ON_DISK, SHIPPED
 
 Made = Any
