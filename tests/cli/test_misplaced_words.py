@@ -52,7 +52,7 @@ def test_quoted_list_with_spaces_is_refused_with_commas(robustflow):
     assert "fog,snow" in robustflow.refuses("run", "dis", "-c", "fog snow")
 
 
-@pytest.mark.parametrize("target", ["dis -O preset=fast", "fog", "square"])
+@pytest.mark.parametrize("target", ["dis -O preset=fast", "fog", "random_sign"])
 def test_check_takes_registered_names_and_options(robustflow, target):
     assert "all checks passed" in robustflow.prints("check", *target.split())
 
