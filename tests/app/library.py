@@ -1,6 +1,9 @@
-"""The numbers that the app shows, computed by the library."""
+"""The numbers that the app shows, computed by the library, and the bytes of a frame to upload."""
+
+import io
 
 import numpy as np
+from PIL import Image
 
 import robustflow as rf
 from robustflow.metrics import epe, rcre
@@ -24,3 +27,9 @@ def direct_numbers(frames, truth, corruption, severity, seed, key, model="dis", 
         "rcre": rcre(flow, clean, truth[1]),
         "fl": 100 * np.mean((errors > 3) & (errors > 0.05 * lengths)),
     }
+
+
+def png(frame):
+    out = io.BytesIO()
+    Image.fromarray(frame).save(out, "PNG")
+    return out.getvalue()

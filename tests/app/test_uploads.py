@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import http.client
-import io
 import struct
 import zlib
 
 import av
 import numpy as np
 import pytest
-from PIL import Image
 
 import robustflow as rf
 from robustflow.app.sources import KEPT
@@ -18,7 +16,7 @@ from robustflow.app.uploads import MAX_CLIP_FRAMES
 from robustflow.media.flow import flo_bytes
 from tests.data.video import clips
 
-from .library import direct_numbers
+from .library import direct_numbers, png
 
 MAX_BYTES = 64 * 2**20
 RNG = np.random.default_rng(0)
@@ -26,18 +24,12 @@ FRAME = np.repeat(np.repeat(RNG.integers(0, 255, (32, 48, 3)), 3, 0), 3, 1).asty
 OTHER = np.roll(FRAME, 2, axis=1)
 
 
-def _png(frame: np.ndarray) -> bytes:
-    out = io.BytesIO()
-    Image.fromarray(frame).save(out, "PNG")
-    return out.getvalue()
-
-
 def _flo(height: int, width: int, known: bool) -> bytes:
     return flo_bytes(np.zeros((height, width, 2), np.float32), np.full((height, width), known))
 
 
 def _pair(**more) -> dict[str, tuple[str, bytes]]:
-    return {"frame1": ("a.png", _png(FRAME)), "frame2": ("b.png", _png(OTHER)), **more}
+    return {"frame1": ("a.png", png(FRAME)), "frame2": ("b.png", png(OTHER)), **more}
 
 
 @pytest.mark.parametrize("with_truth", [False, True])
@@ -83,18 +75,18 @@ def _claims(width: int, height: int) -> bytes:
     ("files", "culprit"),
     [
         ({"frame1": ("a.png", b"only text\n")}, "a.png: "),
-        ({"frame1": ("a.txt", _png(FRAME))}, "a.txt: "),
+        ({"frame1": ("a.txt", png(FRAME))}, "a.txt: "),
         ({"frame1": ("a.svg", b"<svg onload='alert(1)'/>")}, "a.svg: "),
-        ({"frame1": ("a.png", _png(FRAME)[:-100])}, "a.png: "),
+        ({"frame1": ("a.png", png(FRAME)[:-100])}, "a.png: "),
         ({"frame1": ("a.png", b"")}, "a.png: "),
-        ({"frame1": ("a.png", _png(np.zeros((2161, 3840, 3), np.uint8)))}, "8.3"),
+        ({"frame1": ("a.png", png(np.zeros((2161, 3840, 3), np.uint8)))}, "8.3"),
         ({"frame1": ("a.png", _claims(60000, 60000))}, "a.png: "),
-        ({"frame1": ("a.png", _png(FRAME[:-1]))}, "b.png: "),
+        ({"frame1": ("a.png", png(FRAME[:-1]))}, "b.png: "),
         ({"truth": ("gt.flo", b"PIEH")}, "gt.flo"),
         ({"truth": ("gt.flo", _flo(9, 9, True))}, "(9, 9, 2)"),
         ({"truth": ("gt.flo", _flo(96, 144, False))}, "gt.flo: "),
         ({"truth": ("gt.npz", b"PK")}, "gt.npz: "),
-        ({"truth": ("gt.png", _png(FRAME))}, "gt.png"),
+        ({"truth": ("gt.png", png(FRAME))}, "gt.png"),
         ({"truth": ("gt.png", _claims(9999, 9999))}, "gt.png: 9999"),
         ({"more": ("c.png", b"")}, "files"),
         ({"clip": ("c.mp4", b"")}, "frames: "),
@@ -131,14 +123,14 @@ def test_upload_of_a_clip_of_too_many_frames_is_refused_whatever_its_container_s
 
 
 def test_upload_with_a_name_longer_than_a_file_system_allows_is_read(app):
-    status, found = app.upload(frame1=("🙂" * 79 + ".png", _png(FRAME)), frame2=("b.png", _png(OTHER)))
+    status, found = app.upload(frame1=("🙂" * 79 + ".png", png(FRAME)), frame2=("b.png", png(OTHER)))
     assert (status, found["pairs"]) == (200, 1)
     assert found["name"].endswith("🙂.png, b.png")
 
 
 @pytest.mark.parametrize("name", ["../../../etc/cron.d/x.png", "C:\\windows\\x.png", "/abs/x.png", "..\\..\\x.png"])
 def test_upload_with_a_path_as_name_keeps_only_the_file_name(app, name):
-    status, found = app.upload(frame1=(name.replace("\\", "\\\\"), _png(FRAME)), frame2=("b.png", _png(OTHER)))
+    status, found = app.upload(frame1=(name.replace("\\", "\\\\"), png(FRAME)), frame2=("b.png", png(OTHER)))
     assert (status, found["name"]) == (200, "x.png, b.png")
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 import re
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
@@ -16,7 +15,7 @@ import robustflow as rf
 from robustflow.app.serve import _redirect
 
 from ..app.launch import SCRIPTED, App, running_app, with_demo
-from ..app.library import direct_numbers
+from ..app.library import direct_numbers, png
 
 if TYPE_CHECKING:
     from playwright.sync_api import Page
@@ -62,12 +61,6 @@ def _number(page: Page, name: str) -> float:
 def _set_severity(page: Page, key: str, layer: int = 0) -> None:
     page.get_by_label("Severity", exact=True).nth(layer).focus()
     page.keyboard.press(key)
-
-
-def _png(frame: np.ndarray) -> bytes:
-    out = io.BytesIO()
-    Image.fromarray(frame).save(out, "PNG")
-    return out.getvalue()
 
 
 def _file(name: str, data: bytes) -> dict[str, object]:
@@ -213,10 +206,10 @@ def test_uploaded_frames_and_ground_truth_give_the_error(opened, app, tmp_path):
     frame = np.repeat(np.repeat(rng.integers(0, 255, (40, 60, 3)), 3, 0), 3, 1).astype(np.uint8)
     rf.write_flow(tmp_path / "gt.png", np.tile(np.array([2.0, 0.0]), (*frame.shape[:2], 1)))
     page.get_by_text("Your own frames: drop files, or choose them").click()
-    page.get_by_label("Frame 1").set_input_files(_file("<img src=x onerror=alert(1)>.png", _png(frame)))
+    page.get_by_label("Frame 1").set_input_files(_file("<img src=x onerror=alert(1)>.png", png(frame)))
     page.get_by_role("button", name="Use these frames").click()
     expect(page.get_by_role("alert")).to_have_text("choose both frames first")
-    page.get_by_label("Frame 2").set_input_files(_file("b.png", _png(np.roll(frame, 2, axis=1))))
+    page.get_by_label("Frame 2").set_input_files(_file("b.png", png(np.roll(frame, 2, axis=1))))
     page.get_by_role("button", name="Use these frames").click()
     expect(page.locator("#shown")).to_have_text("img src=x onerror=alert(1).png, b.png")
     expect(page.locator("#pictures img:visible")).to_have_count(7)
@@ -265,7 +258,7 @@ def test_dropped_frames_are_in_natural_order(opened, app):
             for (const [name, bytes] of files) carried.items.add(new File([new Uint8Array(bytes)], name));
             return carried;
         }""",
-        [["10.png", list(_png(frame))], ["9.png", list(_png(frame))]],
+        [["10.png", list(png(frame))], ["9.png", list(png(frame))]],
     )
     page.dispatch_event("#results", "drop", {"dataTransfer": carried})
     expect(page.locator("#shown")).to_have_text("9.png, 10.png")
