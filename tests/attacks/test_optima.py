@@ -85,6 +85,13 @@ def test_transfer_to_its_own_surrogate_equals_the_attack(name):
     assert transferred.loss == pytest.approx(alone.loss)
 
 
+def test_a_transfer_without_truth_moves_away_from_the_other_models_flow():
+    pair, other = random_pair(), smooth_model()
+    own = linear_model()
+    frames = [rf.attack(*pair, model, "transfer", 4, on=other, attack="bim").frames for model in (own, other)]
+    assert np.array_equal(*frames)  # the attacked model does not affect the result
+
+
 def test_a_transfer_fits_a_model_without_gradients():
     frame = random_pair(40, 48)
     attacked = rf.attack(*frame, "dis", "transfer:tiny:attack=fgsm", 3)

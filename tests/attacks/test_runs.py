@@ -15,6 +15,7 @@ from robustflow.models import ModelSpec
 from robustflow.report.attack_tables import attack_table
 from robustflow.run.run import Run
 from robustflow.run.stages import frames_digest
+from robustflow.testing import TexturePairs, ZeroFlow
 
 from ..refusals import refusal
 from . import killed_run
@@ -138,6 +139,15 @@ def test_the_norm_of_each_attack_is_that_of_its_class():
 
     assert {name: attack_spec(name).norm for name in SHIPPED} == {name: load_attack(name).norm for name in SHIPPED}
     assert with_controls(["pgd"]) == ("random_sign", "random_gauss", "pgd")
+
+
+def test_attack_without_gain_warns_and_a_control_does_not():
+    frames = TexturePairs(1).load("0").frames
+    truth = np.ones((*frames[0].shape[:2], 2), np.float32)
+    square, noise = (
+        rf.attack(*frames, ZeroFlow(), each, 3, flow=truth) for each in ("square:queries=3", "random_sign")
+    )
+    assert (square.warnings, noise.warnings) == (("nothing_gained",), ())
 
 
 PLANTED = """

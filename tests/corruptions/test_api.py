@@ -39,6 +39,12 @@ def test_invalid_frame_is_refused_in_a_pair_and_in_a_clip(frame):
     refusal(lambda: list(corrupt_clip([FRAME, frame, FRAME], "snow", 3)), DataError, "frame 2")
 
 
+@pytest.mark.parametrize("integer", [np.int64, np.uint8, np.int32])
+def test_integers_of_numpy_give_the_same_bytes(integer):
+    expected = corrupt(FRAME, FRAME, "gaussian_noise", 3, seed=5)[0]
+    assert (corrupt(FRAME, FRAME, "gaussian_noise", integer(3), seed=integer(5))[0] == expected).all()
+
+
 @pytest.mark.parametrize("name", IMAGE_PAIR)
 def test_bgr_variant_equals_the_reference_on_reversed_channels(name):
     turned = np.ascontiguousarray(FRAME[..., ::-1])

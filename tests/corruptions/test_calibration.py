@@ -21,8 +21,9 @@ from robustflow.corruptions.scale import (
     read_table,
     shipped,
 )
+from robustflow.corruptions.stack import levels_of
 from robustflow.data.benchmarks import load_benchmark
-from robustflow.media.images import read_image
+from robustflow.media.images import read_image, write_image
 from robustflow.report.gallery.ssim import Ssim
 from robustflow.run.config import FrameOptions, RunConfig
 from robustflow.run.plan import Plan
@@ -97,6 +98,12 @@ def test_a_damaged_table_is_refused(tmp_path, change):
     refusal(lambda: read_table(tmp_path / "table.json"), DataError, tmp_path / "table.json")
 
 
+def test_stack_has_the_severities_of_all_its_parts():
+    assert levels_of(f"contrast+{GAP}", SEVERITIES, "calibrated") == GAPS[GAP]
+    stack = load_corruption(f"contrast+{GAP}", scale="calibrated")
+    refusal(lambda: stack.parameter(MISSING), UsageError, stack.name)
+
+
 def test_a_run_leaves_gaps_out_and_says_so(tmp_path):
     have = GAPS[GAP][0]
     ask = {"corruptions": [GAP, "contrast"], "severities": [MISSING, have], "severity_scale": "calibrated"}
@@ -138,6 +145,14 @@ def test_the_scale_is_part_of_a_runs_identity_and_the_papers_changes_none(monkey
     monkeypatch.setenv(CALIBRATION_VARIABLE, str(tmp_path / "mine.json"))
     assert calibration_digest() != before[1]
     assert identity("calibrated").digest() != before[0]
+
+
+def test_the_command_refuses_a_severity_that_the_scale_lacks(tmp_path, robustflow):
+    for name in ("a.png", "b.png"):
+        write_image(tmp_path / name, _reference("chelsea.png")[60:156, 90:210])
+    corrupt = ("corrupt", "a.png", "b.png", "-c", GAP, "-s", MISSING, "--severity-scale", "calibrated")
+    assert GAP in robustflow.refuses(*corrupt)
+    assert not Path("corrupted").exists()
 
 
 def naive_ssim(a, b):

@@ -109,6 +109,16 @@ def test_threads_share_an_instance(name):
             assert all((out == other).all() for out, other in zip(job.result(), pair, strict=True))
 
 
+@pytest.mark.slow
+@every_corruption
+@pytest.mark.parametrize("size", [(2160, 4096), (1999, 61), (17, 3001)])
+def test_large_and_elongated_frames_are_corrupted(name, size):
+    frame = picture(*size)
+    for out in corrupted(frame, frame, name, 5):
+        assert out.shape == frame.shape
+        assert out.dtype == np.uint8
+
+
 PAPER = {
     "h264_crf": (23, 30, 37, 44, 51),
     "h264_abr": (25e6, 12.5e6, 6.25e6, 3.125e6, 1.5625e6),

@@ -59,6 +59,17 @@ def test_uniform_frame_stays_uniform_under_blurs_at_any_depth(name, seed, value,
     assert np.array_equal(corrupt(frame, frame, name, severity, depth=moving), [frame, frame])
 
 
+@pytest.mark.parametrize("shape", [(1, 1), (1, 90), (90, 1), (7, 2000), (2000, 7)])
+@pytest.mark.parametrize("name", DEPTH_CORRUPTIONS)
+def test_frames_of_any_shape_are_corrupted_at_the_lowest_and_highest_severity(name, shape):
+    frame, metres = picture(*shape), np.random.default_rng(1).uniform(1, 80, shape).astype(np.float32)
+    known, longer = np.ones(shape, bool), float(max(shape))
+    camera = Camera((longer, longer), (shape[1] / 2, shape[0] / 2), np.eye(3), np.array([0.3, 0.1, -1.0]))
+    for severity in (1, 5):
+        pair = corrupt(frame, frame, name, severity, depth=SceneDepth((metres, metres), (known, known), camera))
+        assert [(each.shape, each.dtype) for each in pair] == [(frame.shape, np.uint8)] * 2
+
+
 @pytest.mark.parametrize("name", DEPTH_CORRUPTIONS)
 @pytest.mark.parametrize("metres", [1e-45, 1e-38, 3e38])
 def test_depths_at_the_limits_of_float32_give_an_even_frame_an_even_colour(name, metres):

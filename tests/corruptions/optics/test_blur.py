@@ -13,6 +13,7 @@ from robustflow.corruptions.optics.blur import LENGTHS, blur, twiddles
 from robustflow.corruptions.optics.design import shipped_lens
 from robustflow.corruptions.optics.psf_field import (
     PsfField,
+    grid_of,
     half_digest,
     halved,
     manifest,
@@ -140,3 +141,9 @@ def test_twiddles_are_decided_by_more_than_the_last_bits_of_sine_and_cosine(leng
             assert np.float32(exact - slack) == np.float32(exact + slack) == value or abs(exact) < 1e-12, Fraction(
                 k, length
             )
+
+
+def test_nodes_lie_closer_in_small_images():
+    pitches = [grid_of(side, side) for side in (16, 300, 700, 1000, 1200, 2000, 5000)]
+    assert pitches == sorted(pitches)
+    assert (pitches[0], pitches[-1]) == (12, 34)
