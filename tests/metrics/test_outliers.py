@@ -18,6 +18,11 @@ def test_wauc_counts_a_threshold_itself_and_nothing_above():
         assert _wauc(threshold) > _wauc(math.nextafter(threshold, 9))
 
 
+def test_wauc_is_1_for_perfect_and_0_for_useless_flow():
+    assert _wauc(0) == 1
+    assert _wauc(5.001) == _wauc(1e300) == 0
+
+
 def test_fl_needs_both_thresholds():
     assert not is_fl_outlier(3.0, 0.0)
     assert is_fl_outlier(3.1, 0.0)
