@@ -14,6 +14,7 @@ from robustflow.core.errors import DataError, UsageError
 from robustflow.core.files import sealed
 from robustflow.corruptions import IMAGE_PAIR, SEVERITIES, load_corruption
 from robustflow.corruptions.api import stream_for
+from robustflow.corruptions.condition import condition_of
 from robustflow.corruptions.scale import (
     CALIBRATION_VARIABLE,
     calibrated_levels,
@@ -21,7 +22,6 @@ from robustflow.corruptions.scale import (
     read_table,
     shipped,
 )
-from robustflow.corruptions.stack import levels_of
 from robustflow.data.benchmarks import load_benchmark
 from robustflow.media.images import read_image, write_image
 from robustflow.report.gallery.ssim import Ssim
@@ -99,7 +99,7 @@ def test_a_damaged_table_is_refused(tmp_path, change):
 
 
 def test_stack_has_the_severities_of_all_its_parts():
-    assert levels_of(f"contrast+{GAP}", SEVERITIES, "calibrated") == GAPS[GAP]
+    assert condition_of(f"contrast+{GAP}").levels(SEVERITIES, "calibrated") == GAPS[GAP]
     stack = load_corruption(f"contrast+{GAP}", scale="calibrated")
     refusal(lambda: stack.parameter(MISSING), UsageError, stack.name)
 

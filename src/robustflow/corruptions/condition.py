@@ -60,15 +60,15 @@ class Condition:
             return (self.fixed_severity,)
         if scale == "paper":
             return tuple(severities)
-        known = [calibrated_levels(name) for name, level in self.parts if level is None]
-        return tuple(severity for severity in severities if all(severity in levels for levels in known))
+        existing = [calibrated_levels(name) for name, level in self.parts if level is None]
+        return tuple(severity for severity in severities if all(severity in levels for levels in existing))
 
     @property
     def needs_depth(self) -> bool:
         """Whether any corruption requires the depth of the scene; False for unknown ones."""
         own = (own_corruption(name, "default") for name in self.names if is_known(name))
         shipped = any(name in FURTHER["depth"] for name in self.names)
-        return shipped or any(one is not None and one.needs_depth for one in own)
+        return shipped or any(corruption is not None and corruption.needs_depth for corruption in own)
 
     def check(self) -> None:
         """Raise a UsageError if a corruption is unknown or exists only as files; imports nothing."""
