@@ -35,11 +35,11 @@ def single(tmp_path_factory):
     return run(Batched(), tmp_path_factory.mktemp("single") / "run")
 
 
-@pytest.mark.parametrize(("size", "calls"), [(1, [1] * 7), (2, [1, 1, 1, 2, 2]), (3, [1, 3, 3]), (9, [1, 3, 3])])
+@pytest.mark.parametrize(("size", "calls"), [(1, [1] * 6), (2, [1, 1, 2, 2]), (3, [3, 3]), (9, [3, 3])])
 def test_rows_do_not_depend_on_the_batch(single, tmp_path, size, calls):
     model = Batched()
     batched = run(model, tmp_path / "batched", batch_size=size)
-    assert sorted(model.calls) == calls
+    assert sorted(model.calls) == [1, 1, *calls]  # the clean pair alone, twice
     assert batched.rows.equals(single.rows)
     assert batched.manifest.identity_digest == single.manifest.identity_digest
 

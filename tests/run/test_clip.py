@@ -147,10 +147,10 @@ def test_clip_model_refuses_data_of_single_pairs_unless_it_accepts_pairs(clip_fo
     assert not (tmp_path / "run").exists()
     model = WithPairs()
     result = rf.evaluate(model, "demo", output=tmp_path / "run", **SMALLEST)
-    assert (model.pairs, model.calls) == (2, [])
+    assert (model.pairs, model.calls) == (3, [])  # the clean pair twice
     assert result.manifest.identity.model.window is None
     run(model, clip_folder, tmp_path / "clips", **SMALLEST)
-    assert (model.pairs, len(model.calls)) == (2, 2 * (FRAMES - 1))
+    assert (model.pairs, len(model.calls)) == (3, 2 * (FRAMES - 1) + 1)
 
 
 def test_batches_tiles_and_invalid_windows_of_clip_models_are_refused(clip_folder, tmp_path):

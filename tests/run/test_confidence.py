@@ -72,7 +72,7 @@ def test_backward_flow_of_equal_frames_is_not_predicted(tmp_path):
             return super().predict(frame1, frame2)
 
     run(tmp_path / "run", Counting(), still=True, corruptions=["contrast", "impulse_noise"], severities=[1], limit=1)
-    assert Counting.asked == 1 + 1 + 2, "the two frames are equal in clean and contrast"
+    assert Counting.asked == 2 + 1 + 2, "the two frames are equal in clean, which is asked twice, and contrast"
 
 
 def test_confidence_of_a_wrong_size_or_nan_ends_the_run_in_one_line(tmp_path):

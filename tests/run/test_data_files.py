@@ -68,7 +68,7 @@ def test_runs_over_two_own_clips_are_two_runs(tmp_path, monkeypatch):
 
 
 class _Changes(ZeroFlow):
-    """A model that changes a file during its third prediction."""
+    """A model that changes a file during the first prediction of its second sample."""
 
     def __init__(self, path, change):
         super().__init__()
@@ -76,7 +76,7 @@ class _Changes(ZeroFlow):
 
     def predict(self, frame1, frame2):
         self.calls += 1
-        if self.calls == 3:
+        if self.calls == 4:
             self.change(self.path)
         return super().predict(frame1, frame2)
 

@@ -107,7 +107,7 @@ def test_four_units_are_prepared_and_rows_written_while_the_model_works(tmp_path
 
         def predict(self, frame1, frame2):
             self.calls += 1
-            wait_until(lambda: len(loaded) >= min(len(keys), (self.calls + 4) // 2))
+            wait_until(lambda: len(loaded) >= min(len(keys), (self.calls + 3) // 2))
             assert len(loaded) <= (self.calls + 4) // 2
             return super().predict(frame1, frame2)
 
@@ -122,7 +122,7 @@ def test_four_units_are_prepared_and_rows_written_while_the_model_works(tmp_path
     model = Waits()
     loaded.clear()
     monkeypatch.setattr(RunFolder, "write_rows", write)
-    assert rf.evaluate(model, benchmark, output=tmp_path).rows.height == model.calls == 2 * len(keys)
+    assert rf.evaluate(model, benchmark, output=tmp_path).rows.height == model.calls - 1 == 2 * len(keys)
     assert sorted(loaded) == keys
 
 

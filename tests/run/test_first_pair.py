@@ -1,5 +1,7 @@
-"""A run warns on its first pair if the model's flow or the ground truth is in a wrong format, and says which."""
+"""A run warns on its first pair if the model's flow or the ground truth is in a wrong format, and says which; and if
+the model predicts another flow when it is asked twice."""
 
+import time
 import warnings
 from dataclasses import replace
 
@@ -9,6 +11,7 @@ import pytest
 import robustflow as rf
 from robustflow.data.benchmarks import Benchmark
 from robustflow.data.datasets.shapes.dataset import FlyingShapes
+from robustflow.stats.run_results import comparison_note
 from robustflow.testing import ConstantFlow, ZeroFlow
 
 FEW = {"corruptions": "contrast", "severities": 1}
@@ -74,12 +77,47 @@ def test_warning_says_whether_the_truth_or_the_model_is_doubted(tmp_path, factor
     assert [str(one.message).partition(" looks ")[0] for one in caught if "looks" in str(one.message)] == accused
 
 
-def test_check_of_the_first_pair_predicts_nothing_again(tmp_path):
-    calls = []
+class Counts:
+    """Predicts a larger motion with every call, by `step`, and is slow when it is asked for the clean flow again."""
 
-    def flow(frame1, frame2):
-        calls.append(1)
-        return np.zeros((*frame1.shape[:2], 2), np.float32)
+    def __init__(self, step):
+        self.step, self.calls, self.clean = step, 0, None
 
-    rf.evaluate(flow, "demo", output=tmp_path, **FEW)
-    assert len(calls) == 2  # clean and contrast
+    def predict(self, frame1, frame2):
+        self.calls += 1
+        again = np.array_equal(frame1, self.clean)
+        self.clean = frame1 if self.clean is None else self.clean
+        time.sleep(2 * again)
+        return np.full((*frame1.shape[:2], 2), 4 + self.step * self.calls, np.float32)
+
+    def identity(self):
+        return {"name": "counts", "step": self.step}
+
+
+class FromFiles(Counts):
+    """The same, as precomputed flows."""
+
+    predict = None
+
+    def lookup(self, key, corruption, severity):
+        frame = np.zeros((500, 741, 3), np.uint8)
+        return Counts.predict(self, frame, frame)
+
+
+@pytest.mark.parametrize("engine", ["serial", "processes"])
+@pytest.mark.parametrize("step", [0, 0.5])
+def test_a_model_that_answers_differently_when_asked_twice_is_named(tmp_path, step, engine):
+    model = Counts(step)
+    assert len(warned(model, tmp_path, engine=engine)) == bool(step)
+    run = rf.load_run(tmp_path)
+    assert run.manifest.flows_differ_on == ("motorcycle" if step else "")
+    assert ("different flows" in comparison_note(run)) == bool(step)
+    assert run.manifest.seconds["predict"] < 2  # the second prediction does not count
+    if engine == "serial":
+        assert model.calls == 3  # clean twice, and contrast
+
+
+def test_precomputed_flows_are_not_asked_twice(tmp_path):
+    model = FromFiles(0.5)
+    assert not warned(model, tmp_path)
+    assert model.calls == 2

@@ -203,7 +203,7 @@ def test_equal_draws_are_predicted_once_and_have_no_spread(clip_folder, tmp_path
             return super().predict(frame1, frame2)
 
     run = still_run(Counting(), clip_folder, tmp_path / "run", draws=4, corruptions=["contrast"], limit=1)
-    assert Counting.asked == 2, "clean and contrast, which is not random"
+    assert Counting.asked == 3, "clean, twice, and contrast, which is not random"
     assert run.rows["spread_sum"].to_list() == [0.0, 0.0]
     again = partial(still_run, Counting(), clip_folder, tmp_path / "run", corruptions=["contrast"], limit=1)
     assert "draws" in str(refusal(lambda: again(draws=1), RunError, tmp_path / "run"))

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Container, Generator, Iterable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -48,6 +48,8 @@ class FinishedUnit:
     seconds: dict[str, float]
     misread: dict[str, Misread] = field(default_factory=dict)
     """Flows of the run's first sample that seem to have a wrong format: `OF_MODEL`, `OF_TRUTH`."""
+    differs: bool = False
+    """Whether the model predicted another flow when it was asked twice for that of the run's first sample."""
     place: str | None = None
     """Node and device that computed the unit, if the engine has several."""
 
@@ -113,8 +115,9 @@ class Computation:
         self._corruptions = job.corruptions
         self._options = job.measuring
         self._folder = None if job.folder is None else RunFolder(job.folder)
-        self._kept, self._first = job.kept, job.first
+        self._kept, self._first, self._asked_twice = job.kept, job.first, job.asked_twice
         self._misread: dict[str, Misread] = {}
+        self._differs = False
         self._batch_size = job.batch_size
         self._seconds = seconds
         self._samples: dict[str, OpenSample] = {}
@@ -157,6 +160,12 @@ class Computation:
             answers = yield [self.request_clean(opened)]
             assert answers is not None
             self.keep_clean(opened, answers[0])
+            if self._asked_twice and unit.cells[0] == (self._first, CLEAN, 0):
+                yield []
+                answers = yield [replace(self.request_clean(opened), again=True)]
+                assert answers is not None
+                assert opened.clean is not None
+                self._differs = not np.array_equal(answers[0], opened.clean, equal_nan=True)
         if unit.corruption == CLEAN:
             if unit.key == self._first:
                 self._misread = misread_flows(opened.sample, opened.clean_flow)
@@ -173,10 +182,11 @@ class Computation:
 
     def finished(self, unit: Unit, rows: Rows) -> FinishedUnit:
         """Return a unit with the seconds since the previous one was finished."""
-        wrong, self._misread = self._misread, {}
+        wrong, differs = self._misread, self._differs
+        self._misread, self._differs = {}, False
         seconds = dict(self._seconds)
         self._seconds.clear()
-        return FinishedUnit(unit, rows, seconds, wrong)
+        return FinishedUnit(unit, rows, seconds, wrong, differs)
 
     def predicted(self, seconds: float) -> None:
         """Count the seconds that a prediction took."""

@@ -28,6 +28,7 @@ from ..data.benchmarks.facts import moving_name
 from ..data.datasets.base import OWN_FRAMES, Depths, FromClips, PreCorrupted
 from ..metrics.photometric import Misread, Reading
 from ..metrics.rows import CLEAN
+from ..models.base import FlowLookup
 from ..models.provenance import UNDECLARED
 from .cells import merged_levels, union
 from .computation import OF_TRUTH, FinishedUnit
@@ -71,6 +72,7 @@ def compute_missing(folder: RunFolder, plan: Plan, engine: Engine, progress: Pro
         folder=folder.path,
         kept=_clean_rows(folder, {unit.key for unit in units if unit.corruption != CLEAN}),
         first=next((unit.key for unit in units if unit.corruption == CLEAN), None),
+        asked_twice=not isinstance(plan.model.model, FlowLookup),
     )
     if job.attacks:
         from .attack_stage import trained_attacks
@@ -82,7 +84,7 @@ def compute_missing(folder: RunFolder, plan: Plan, engine: Engine, progress: Pro
     progress.start(folder.path, plan.count(), plan.count() - len(units))
     left = Counter(unit.key for unit in units)
     seconds = dict(manifest.seconds)
-    places = dict(manifest.places)
+    places, differs_on = dict(manifest.places), manifest.flows_differ_on
     start = time.perf_counter()
 
     def record(done: FinishedUnit) -> None:
@@ -99,6 +101,9 @@ def compute_missing(folder: RunFolder, plan: Plan, engine: Engine, progress: Pro
             recorded.append(writer.submit(record, done))
             for whose, wrong in done.misread.items():
                 _warn(done.unit.key, whose, wrong)
+            if done.differs:
+                differs_on = done.unit.key
+                _warn_of_chance(differs_on)
             for kind, spent in done.seconds.items():
                 seconds[kind] = round(seconds.get(kind, 0.0) + spent, 3)
             if done.place is not None:
@@ -115,7 +120,7 @@ def compute_missing(folder: RunFolder, plan: Plan, engine: Engine, progress: Pro
         return
     seconds["wall"] = round(seconds.get("wall", 0.0) + time.perf_counter() - start, 3)
     clips = clips_of(job.dataset.clip_records()) if isinstance(job.dataset, FromClips) else manifest.clips
-    since = {"seconds": seconds, "finished": _now(), "places": places, "clips": clips}
+    since = {"seconds": seconds, "finished": _now(), "places": places, "clips": clips, "flows_differ_on": differs_on}
     folder.write_manifest(manifest.model_copy(update=since))
 
 
@@ -258,6 +263,14 @@ def _warn(key: str, whose: str, wrong: Misread) -> None:
     warnings.warn(
         f"{whose} looks {wrong.reading.describe()}: on sample '{key}', {wrong.describe()}; flow is (u right, v down) "
         f"in pixels from frame 1 to frame 2, so {remedy}",
+        stacklevel=3,
+    )
+
+
+def _warn_of_chance(key: str) -> None:
+    warnings.warn(
+        f"the model predicts different flows for the same frames (sample '{key}'), so no run can be repeated exactly; "
+        "seed its random numbers, or switch it to evaluation mode",
         stacklevel=3,
     )
 

@@ -44,7 +44,8 @@ class EarlierEnvironment(Environment):
 
 class Manifest(Untrusted):
     """The description of a run; `samples` contains the name and the digest of each sample's files, and `environment`
-    is that of the rows that none of `earlier` made."""
+    is that of the rows that none of `earlier` made. `flows_differ_on` is the sample for which the model, when asked
+    twice, predicted two different flows; empty if there is none."""
 
     version: Literal[7]
     identity: Identity
@@ -61,6 +62,7 @@ class Manifest(Untrusted):
     earlier: tuple[EarlierEnvironment, ...] = ()
     places: dict[str, int] = {}
     clips: tuple[Clip, ...] = ()
+    flows_differ_on: str = ""
 
     @model_validator(mode="after")
     def _parts_fit(self) -> Manifest:

@@ -132,6 +132,8 @@ class Job:
     row."""
     first: str | None = None
     """The sample whose clean flow is tested for a wrong format."""
+    asked_twice: bool = False
+    """Whether the clean flow of the first sample is predicted twice, to see whether the model is deterministic."""
 
 
 def load_corruptions(benchmark: Benchmark, frames: FrameOptions) -> dict[str, Corruption]:

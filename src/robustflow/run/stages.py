@@ -111,6 +111,8 @@ class PredictionRequest:
     index: int | None = None
     """The place of the pair among the frames of a multi-frame model."""
     draws: int = 1
+    again: bool = False
+    """Whether the cell has been predicted before, to see whether the flow is the same; this time is not counted."""
 
 
 class FrameStage:
@@ -220,7 +222,7 @@ class PredictStage:
             answers = self._flows(requests)
         if self._confidence == FORWARD_BACKWARD:
             answers = list(map(with_back, answers, self._flows_back(requests, answers)))
-        return answers, time.perf_counter() - start
+        return answers, 0.0 if requests[0].again else time.perf_counter() - start
 
     @contextmanager
     def _announced(self, *requests: PredictionRequest) -> Iterator[None]:

@@ -67,6 +67,8 @@ def comparison_note(run: Run, beside_published: bool = False) -> str:
         remarks.append("calibrated severities" + (", not the paper's" if facts.published else ""))
     if not run.measured.complete:
         remarks.append("not complete")
+    if run.manifest.flows_differ_on:
+        remarks.append("predicts different flows for the same frames")
     remarks += [run.provenance.backbone_note, _doubtful_training(run), unknown_change(run)]
     return "; ".join(filter(None, remarks))
 
