@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from robustflow.core.errors import DataError, UsageError
-from robustflow.data.datasets.robustspring import CORRUPTIONS, SEQUENCES, Condition, submitted
+from robustflow.data.datasets.robustspring import CORRUPTIONS, SEQUENCES, ConditionPairs, submitted
 from robustflow.media.flow import read_flow, write_flow
 from robustflow.media.images import read_image
 from robustflow.models import load_model
@@ -44,7 +44,7 @@ def test_whole_submission_has_a_file_for_every_pair_camera_and_direction():
 
 
 def test_backward_flow_is_from_the_later_frame(frames):
-    pairs = Condition(frames, "rain")
+    pairs = ConditionPairs(frames, "rain")
     assert len(pairs) == 2 * 6
     ahead = pairs.load("0003/flow_FW_left/flow_FW_left_0002").frames
     back = pairs.load("0003/flow_BW_left/flow_BW_left_0003").frames
@@ -160,6 +160,6 @@ def test_export_without_its_frames_is_refused(robustflow, export, frames):
     assert "0028/flow_BW_left/flow_BW_left_0002" in robustflow.refuses(*export, "-c", "fog", code=1)
     shutil.rmtree(frames / "spring/test/0003/frame_right")
     with pytest.raises(DataError):
-        Condition(frames)
+        ConditionPairs(frames)
     with pytest.raises(UsageError):
-        Condition(frames, "motion")
+        ConditionPairs(frames, "motion")

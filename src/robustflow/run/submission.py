@@ -14,7 +14,7 @@ from ..core.errors import DataError, ModelError, RunError, UsageError
 from ..core.files import digest_of_value, make_folder, read_bounded, write_json
 from ..core.types import Flow
 from ..data.benchmarks.base import spread
-from ..data.datasets.robustspring import CLEAN, Condition
+from ..data.datasets.robustspring import CLEAN, ConditionPairs
 from ..media.flow import read_flow, write_flow
 from ..metrics.error_maps import FL_PIXELS, FL_SHARE, epe_map, magnitude_map
 from ..models import ModelSpec
@@ -61,11 +61,11 @@ def model_of(run: Run, spec: ModelSpec | None) -> NamedModel:
 
 def condition_pairs(
     root: Path, corruptions: Sequence[str], limit: int | None = None
-) -> tuple[dict[str, Condition], tuple[str, ...]]:
+) -> tuple[dict[str, ConditionPairs], tuple[str, ...]]:
     """Return the conditions of a submission, clean first, and their pairs, which are the same in all."""
     if limit is not None and limit < 1:
         raise UsageError("--limit", f"must be at least 1; got {limit}")
-    conditions = {name: Condition(root, name) for name in dict.fromkeys((CLEAN, *corruptions))}
+    conditions = {name: ConditionPairs(root, name) for name in dict.fromkeys((CLEAN, *corruptions))}
     keys = spread(conditions[CLEAN].keys(), limit)
     for name, pairs in conditions.items():
         if gone := set(keys) - set(pairs.keys()):
@@ -74,7 +74,7 @@ def condition_pairs(
 
 
 def write_submission(
-    run: Run, model: NamedModel, conditions: Mapping[str, Condition], keys: Sequence[str], folder: Path
+    run: Run, model: NamedModel, conditions: Mapping[str, ConditionPairs], keys: Sequence[str], folder: Path
 ) -> Iterator[Submitted]:
     """Write FOLDER/CONDITION/test/0003/flow_FW_left/flow_FW_left_0001.flo5 etc., except existing files."""
     _claim(folder, run.manifest.identity.model.settings)

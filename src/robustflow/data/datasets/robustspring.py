@@ -45,7 +45,7 @@ _SIDES = ("left", "right")
 _CLEAN_NAMES = ("spring", CLEAN)
 
 
-class Condition(PairDataset):
+class ConditionPairs(PairDataset):
     """The pairs of one condition, for both cameras and directions. A key is the path of a flow below CONDITION/test; a
     group is a sequence, because both cameras see the same scene.
     """
@@ -102,7 +102,7 @@ def _folder(root: str | Path, names: Sequence[str], otherwise: str = "") -> Path
     return next(top / name / "test" for name in names if (top / name / "test").is_dir())
 
 
-class RobustSpring(Condition):
+class RobustSpring(ConditionPairs):
     """The clean pairs of both cameras in both directions, with their frames under all unpacked corruptions. Implements
     `Dataset` and `CorruptedClips`.
     """
