@@ -88,7 +88,7 @@ def test_a_folder_of_runs_is_reported_like_its_runs(robustflow, runs, tmp_path):
 @pytest.mark.parametrize(
     "options",
     [
-        {},
+        {"severities": [3]},  # every corruption
         {"corruptions": ["contrast", "fog"], "attacks": ["square:queries=2"], "severities": [1, 3]},
         {"corruptions": ["contrast", "fog"], "severities": [1, 5], "confidence": "forward-backward"},
     ],
