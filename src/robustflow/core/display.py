@@ -23,7 +23,7 @@ LINE_EVERY_S = 10.0
 """Seconds between progress lines in a log."""
 
 
-class _Task(NamedTuple):
+class _TrackedWork(NamedTuple):
     total: int
     first: int
     started: float
@@ -40,7 +40,7 @@ class ProgressBar:
 
         self._shown = shown
         self._console = Console(stderr=True, markup=False)
-        self._tasks: dict[str, _Task] = {}
+        self._tasks: dict[str, _TrackedWork] = {}
         self._bar: Any = None
         self._last_line = time.monotonic()
 
@@ -72,7 +72,7 @@ class ProgressBar:
                 )
                 self._bar.start()
             bar = self._bar.add_task(plain(task, None), total=total, completed=done)
-        self._tasks[task] = _Task(total, done, time.monotonic(), bar)
+        self._tasks[task] = _TrackedWork(total, done, time.monotonic(), bar)
 
     def update(self, task: str, done: int, what: str = "") -> None:
         """Show that `done` steps of a task are complete; `what` describes the last one."""
