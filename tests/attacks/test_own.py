@@ -3,7 +3,9 @@ reports."""
 
 from __future__ import annotations
 
+import pickle
 import sys
+import threading
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -42,6 +44,14 @@ class Noise:
         return ball.project(ball.clean + ball.radius * signs)
 
 
+class Locked(Noise):
+    """A class whose objects cannot be sent to other processes."""
+
+    def __init__(self, tries: int = 3) -> None:
+        super().__init__(tries)
+        self.lock = threading.Lock()
+
+
 def _model(frame1, frame2):
     return ((frame1.astype(np.float32) - frame2) * frame1)[..., :2] / 3000
 
@@ -68,6 +78,17 @@ def _run(attacks, output="run", engine="serial", **options):
     return rf.evaluate(
         ModelSpec("dis"), benchmark, None, output, attacks=attacks, engine=engine, progress=False, **options
     )
+
+
+def test_an_attack_is_sent_to_a_process_without_what_it_has_built():
+    own = load_attack(Locked, tries=2, moved="first")
+    assert pickle.loads(pickle.dumps(own)).label == own.label == "locked:moved=first:tries=2"
+    transfer = load_attack("transfer:dis:attack=square")
+    transfer.check(rf.load_model("dis"))
+    assert "_surrogate" in vars(transfer)
+    sent = pickle.loads(pickle.dumps(transfer))
+    assert sent == transfer
+    assert "_surrogate" not in vars(sent)
 
 
 def test_an_own_attack_is_a_condition_with_its_options_and_its_source(source):

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import importlib
 import os
+import pickle
 import subprocess
 import sys
+import threading
 from types import ModuleType
 
 import numpy as np
@@ -38,6 +40,14 @@ class Veil:
 
     def apply(self, frame, state, index):
         return np.maximum(frame, state).astype(np.uint8)
+
+
+class Locked(Veil):
+    """A class whose objects cannot be sent to other processes."""
+
+    def __init__(self):
+        super().__init__()
+        self.lock = threading.Lock()
 
 
 class Slotted:
@@ -100,6 +110,13 @@ def test_a_module_a_class_and_an_object_are_corruptions(rain_package):
     assert (first == second).all()
     assert (first != FRAME).any()
     assert (rf.corrupt(FRAME, FRAME, Veil, 3)[0] == first).all()
+
+
+def test_a_class_of_corruptions_is_sent_to_a_process_and_built_there():
+    sent = pickle.loads(pickle.dumps(load_corruption(f"fog:1+{corruption_name(Locked)}", "reference")))
+    assert sent.name == "fog:1+locked"
+    assert sent.parts[1].made.lock is not None
+    assert [part.variant for part in sent.parts] == ["reference", "reference"]
 
 
 def test_own_corruption_can_be_part_of_a_stack(rain_package):

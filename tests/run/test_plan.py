@@ -7,6 +7,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from robustflow.api import evaluate, load_run
+from robustflow.corruptions import Corruption
+from robustflow.corruptions.digital import Contrast
 from robustflow.corruptions.scale import calibration_digest
 from robustflow.data.benchmarks import load_benchmark
 from robustflow.run.cells import Cells
@@ -82,6 +84,18 @@ def test_the_identity_names_the_scale_that_is_not_the_papers_and_options_that_we
     other = Plan(benchmark, config=chosen).identity
     assert other.frames.severity_scale == f"calibrated {calibration_digest()}"
     assert other.measuring.allow_invalid
+
+
+def test_a_run_builds_a_corruption_once(tmp_path, monkeypatch):
+    built = []
+
+    def init(self, *arguments):
+        built.append(arguments)
+        Corruption.__init__(self, *arguments)
+
+    monkeypatch.setattr(Contrast, "__init__", init)
+    evaluate(ZeroFlow(), output=tmp_path, corruptions=["contrast"], severities=[1])
+    assert len(built) == 1
 
 
 def test_cells_of_a_plan_are_listed_without_and_with_attacks(benchmark):
