@@ -30,7 +30,7 @@ from ..core.text import counted, plain
 from ..corruptions.registry import PAPER_ORDER
 from ..data.benchmarks import benchmark_facts
 from ..data.datasets.released import DISK_NAMES
-from ..metrics.measures import exact_mean
+from ..metrics.measures import MEASURES, exact_mean
 from ..metrics.rows import CLEAN
 from .frame import LINE, given_frame
 from .results import AVERAGE
@@ -110,7 +110,7 @@ def _reference_numbers(content: dict[str, dict[str, Any]], path: Path) -> list[d
             raise DataError(path, f"{unknown_name('corruption', plain(written, 40), _KNOWN)}")
         for of_file, metric in _METRICS.items():
             if of_file in entry:
-                five = _FIVE_CHANGES if metric == "cre" else _FIVE_LENGTHS
+                five = _FIVE_LENGTHS if MEASURES[metric].bounds[0] == 0 else _FIVE_CHANGES
                 severities = _valid(five, entry[of_file], f"{path}, '{written}', {of_file}")
                 values[metric, _PAPER_NAMES.get(written, written)] = exact_mean(severities)
     if not values:

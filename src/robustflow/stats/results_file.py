@@ -22,6 +22,7 @@ from ..core.paths import user_path
 from ..core.text import text_cell
 from ..corruptions.condition import condition_of
 from ..corruptions.registry import MEMBERS, ON_DISK
+from ..metrics.measures import MEASURES
 from .frame import given_frame, line_by_line
 from .results import AVERAGE, CLEAN, RESULT_METRICS
 
@@ -85,7 +86,7 @@ def _number_of_line(line: dict[Any, Any], where: str, sample_set: str) -> dict[s
         raise DataError(where, f"'marked' must be yes, no or empty, not '{marked[:40]}'")
     _check_corruption(cells["corruption"], where)
     number, decimals = _number(cells["value"], where)
-    if number < 0 and cells["metric"] in ("epe", "rcre"):
+    if number < MEASURES[cells["metric"]].bounds[0]:
         raise DataError(where, f"{cells['metric'].upper()} {number:g}: a length in pixels cannot be negative")
     return {
         "benchmark": cells.get("benchmark") or "kitti-fc",
