@@ -23,7 +23,7 @@ from robustflow import load_model
 from robustflow.attacks.ball import Ball
 from robustflow.attacks.loss import Loss
 from robustflow.attacks.problem import Pair, Problem
-from robustflow.models.torch.model import reproducible
+from robustflow.models.torch.network_model import reproducible
 from robustflow.testing import TexturePairs
 
 CASES = (("tiny", {}, (375, 1242)), ("raft_small", {"checkpoint": "random"}, (256, 320)))

@@ -27,7 +27,7 @@ from robustflow import load_model
 from robustflow.core.types import Flow, Frame, Sample
 from robustflow.data.datasets import load_dataset
 from robustflow.metrics import epe
-from robustflow.models.dis.model import OPERATING_POINTS
+from robustflow.models.dis.dis_rgb import OPERATING_POINTS
 
 Predict = Callable[[Frame, Frame], Flow]
 

@@ -101,7 +101,7 @@ def _network(name: str, device: str, **options: Any) -> Any:
     """
     from robustflow import load_model
     from robustflow.core.plugins import parameters_of
-    from robustflow.models.registry import MODELS
+    from robustflow.models.registered import MODELS
     from tests.parity.weight_rule import fill_by_rule
 
     known = parameters_of(MODELS.get(name)) if name in MODELS else ("iterations",)
@@ -121,7 +121,7 @@ def _by_hand(model: Any, pair: Any, bf16: bool) -> np.ndarray:
     """The model's flow for a pair, without its own safeguards against TF32."""
     import torch
 
-    from robustflow.models.torch.model import fitted_images, unfitted_flow
+    from robustflow.models.torch.network_model import fitted_images, unfitted_flow
 
     height, width = pair[0].shape[:2]
     with torch.inference_mode():
@@ -149,7 +149,7 @@ class _Clock:
 
 def _run(bench: Bench, name: str, what: str, **changes: Any) -> None:
     import robustflow as rf
-    from robustflow.models import ModelSpec
+    from robustflow.models import ModelRef
 
     options = {"checkpoint": "random", "device": bench.device, **changes.pop("options", {})}
     limits: dict[str, Any] = {"limit": 3}
@@ -158,7 +158,7 @@ def _run(bench: Bench, name: str, what: str, **changes: Any) -> None:
     clock = _Clock()
     with tempfile.TemporaryDirectory() as scratch:
         result = rf.evaluate(
-            ModelSpec(name, tuple(options.items())), "kitti-fc", bench.data, Path(scratch) / "run", progress=clock,
+            ModelRef.parse(name, tuple(options.items())), "kitti-fc", bench.data, Path(scratch) / "run", progress=clock,
             **limits, **changes,
         )  # fmt: skip
         rows = len(result.rows)
@@ -277,7 +277,7 @@ def _steps(bench: Bench, method: str, precision: str) -> tuple[dict[str, Any], b
 def resume(bench: Bench) -> None:
     """Start a run on the device and continue it on the CPU, and vice versa; different devices must be rejected."""
     import robustflow as rf
-    from robustflow.models import ModelSpec
+    from robustflow.models import ModelRef
 
     for began, continued in ((bench.device, "cpu"), ("cpu", bench.device)):
         what = f"raft_small started on {began}, continued on {continued}"
@@ -286,7 +286,7 @@ def resume(bench: Bench) -> None:
                 options = (("checkpoint", "random"), ("device", device), ("iterations", 2))
                 try:
                     result = rf.evaluate(
-                        ModelSpec("raft_small", options), "kitti-fc", bench.data, Path(scratch) / "run", limit=1,
+                        ModelRef.parse("raft_small", options), "kitti-fc", bench.data, Path(scratch) / "run", limit=1,
                         corruptions=["fog"], severities=severities, engine="serial", progress=False,
                     )  # fmt: skip
                 # devices are part of a run's identity, and the error message mentions them

@@ -30,7 +30,7 @@ from robustflow.attacks.gradient import check_gradient
 from robustflow.attacks.problem import Pair
 from robustflow.core.errors import RobustFlowError
 from robustflow.core.types import Sample
-from robustflow.models.base import Differentiable, FlowModel
+from robustflow.models.protocols import Differentiable, FlowModel
 from robustflow.testing import TexturePairs
 
 OWN = ("arflow", "upflow", "brightflow", "flowdiffuser")

@@ -40,7 +40,7 @@ if __name__ == "__main__":
     from robustflow.data.benchmarks import Benchmark
     from robustflow.data.datasets import load_dataset
     from robustflow.metrics.rows import CLEAN
-    from robustflow.models import ModelSpec
+    from robustflow.models import ModelRef
     from robustflow.run.computation import Computation
     from robustflow.run.compute_missing import compute_missing
     from robustflow.run.config import Compute, RunConfig
@@ -114,7 +114,7 @@ def kitti(folder: Path | None, pairs: int, few: bool = False) -> Benchmark:
 
 def run(benchmark: Benchmark, milliseconds: float, computes: bool, engine: str, workers: int | None) -> str:
     """Measure one run and format it as a row of the table."""
-    model = ModelSpec("overhead:Sleeper", (("milliseconds", milliseconds), ("computes", computes)))
+    model = ModelRef.parse("overhead:Sleeper", (("milliseconds", milliseconds), ("computes", computes)))
     plan = set_up(model, benchmark, RunConfig(compute=Compute(engine=engine, workers=workers)))
     clock = Clock()
     chosen = choose_engine(plan)

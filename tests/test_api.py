@@ -10,7 +10,7 @@ import skimage
 
 import robustflow as rf
 from robustflow.core.errors import UsageError
-from robustflow.models import ModelSpec
+from robustflow.models import ModelRef
 from robustflow.run.cells import Cells
 from tests.made_rows import change_identity
 from tests.refusals import refusal
@@ -83,8 +83,8 @@ def test_terminal_shows_progress_by_default(progress, screen, seen, tmp_path, mo
 
 def test_a_named_model_is_loaded_once(tmp_path, monkeypatch):
     loaded = []
-    load = ModelSpec.load
-    monkeypatch.setattr(ModelSpec, "load", lambda self: loaded.append(self.name) or load(self))
+    load = ModelRef.load
+    monkeypatch.setattr(ModelRef, "load", lambda self: loaded.append(self.name) or load(self))
     rf.evaluate("dis", output=tmp_path / "run", corruptions=["contrast"], severities=[1], examples=True)
     assert loaded == ["dis"]
 

@@ -13,8 +13,8 @@ from .core.errors import RobustFlowError, UsageError
 from .core.text import plain
 from .data.benchmarks import Benchmark
 from .data.datasets.registry import with_absolute_paths
-from .models import ModelSpec
-from .models.base import AnyModel
+from .models import ModelRef
+from .models.protocols import AnyModel
 from .run.config import RunConfig
 from .run.run import Run
 
@@ -103,7 +103,7 @@ def load_run(path: str | Path) -> Result:
 
 
 def evaluate(
-    model: str | Path | ModelSpec | AnyModel | Callable[..., Any],
+    model: str | Path | ModelRef | AnyModel | Callable[..., Any],
     benchmark: str | Benchmark = "demo",
     data: str | Path | None = None,
     output: str | Path | None = None,
@@ -233,7 +233,7 @@ def evaluate(
                 if isinstance(benchmark, str):
                     where = Path(data) if data is not None else None
                     options = with_absolute_paths(benchmark, data_options or {})
-                    RunSource(plan.model.spec, where, options).write(folder.path)
+                    RunSource(plan.model.ref, where, options).write(folder.path)
                 whole = Result(folder.path)
                 whole.write_means()
                 asked = whole.manifest.restricted([plan.cells()], plan.left_out())

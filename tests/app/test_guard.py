@@ -17,7 +17,7 @@ from starlette.responses import PlainTextResponse
 
 from robustflow.app.serve import Guard, serve
 from robustflow.core.errors import ModelError, UsageError
-from robustflow.models import ModelSpec
+from robustflow.models import ModelRef
 from tests.data.video import clips
 from tests.refusals import refusal
 
@@ -146,15 +146,14 @@ def test_interrupted_app_ends_without_a_message(tmp_path, monkeypatch, stop, pre
 
 
 @pytest.mark.parametrize(
-    ("spec", "error", "culprit"),
+    ("ref", "error", "culprit"),
     [
-        (ModelSpec("nope"), UsageError, "nope"),
-        (ModelSpec("models_of_nobody:Net"), UsageError, "models_of_nobody:Net"),
-        (ModelSpec("raft", (("checkpoint", "/nowhere.pth"),)), ModelError, "/nowhere.pth"),
+        (ModelRef.parse("models_of_nobody:Net"), UsageError, "models_of_nobody:Net"),
+        (ModelRef.parse("raft", {"checkpoint": "/nowhere.pth"}), ModelError, "/nowhere.pth"),
     ],
 )
-def test_a_given_model_that_cannot_be_loaded_ends_the_app(spec, error, culprit):
-    refusal(lambda: serve([spec], port=0, browser=False), error, culprit)
+def test_a_given_model_that_cannot_be_loaded_ends_the_app(ref, error, culprit):
+    refusal(lambda: serve([ref], port=0, browser=False), error, culprit)
 
 
 def test_port_in_use_is_refused():

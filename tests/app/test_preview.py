@@ -16,7 +16,7 @@ from robustflow.app.models import Models
 from robustflow.core.errors import ModelError
 from robustflow.corruptions import load_corruption
 from robustflow.data.benchmarks.paper import DEMO_CLASSES
-from robustflow.models import ModelSpec
+from robustflow.models import ModelRef
 
 from .launch import SCRIPTED
 from .library import direct_numbers
@@ -167,10 +167,10 @@ def _needs_weights():
 
 
 def test_an_error_of_loading_names_the_field_and_no_option(monkeypatch):
-    models = Models([ModelSpec("net")])
-    monkeypatch.setattr(ModelSpec, "load", lambda spec: _needs_weights())
+    models = Models([ModelRef.parse("mine:net")])
+    monkeypatch.setattr(ModelRef, "load", lambda ref: _needs_weights())
     with pytest.raises(ModelError) as caught:
-        models.load("net")
+        models.load("mine:net")
     assert "--checkpoint" not in str(caught.value)
 
 

@@ -5,10 +5,10 @@ import polars as pl
 
 import robustflow as rf
 from robustflow.data.benchmarks import Benchmark
-from robustflow.models import ModelSpec
+from robustflow.models import ModelRef
 from robustflow.testing import TexturePairs
 
-TINY = ModelSpec("tiny", (("device", "cpu"),))
+TINY = ModelRef.parse("tiny", (("device", "cpu"),))
 DATA = TexturePairs(2, (40, 48))
 
 

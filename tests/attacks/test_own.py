@@ -17,7 +17,7 @@ from robustflow.attacks import Attack, load_attack
 from robustflow.attacks.api import with_controls
 from robustflow.core.errors import RunError, UsageError
 from robustflow.data.benchmarks import Benchmark
-from robustflow.models import ModelSpec
+from robustflow.models import ModelRef
 from robustflow.testing import TexturePairs, check_attack
 
 from ..refusals import refusal
@@ -76,7 +76,7 @@ def source(tmp_path, monkeypatch):
 def _run(attacks, output="run", engine="serial", **options):
     benchmark = Benchmark("drawn", DATA, DATA.keys(), (), (2,))
     return rf.evaluate(
-        ModelSpec("dis"), benchmark, None, output, attacks=attacks, engine=engine, progress=False, **options
+        ModelRef.parse("dis"), benchmark, None, output, attacks=attacks, engine=engine, progress=False, **options
     )
 
 

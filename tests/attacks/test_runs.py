@@ -11,7 +11,7 @@ import robustflow as rf
 from robustflow.attacks.api import with_controls
 from robustflow.attacks.registry import ATTACKS, SHIPPED, attack_spec
 from robustflow.core.errors import ModelError, RunError, UsageError
-from robustflow.models import ModelSpec
+from robustflow.models import ModelRef
 from robustflow.report.attack_tables import attack_table
 from robustflow.run.run import Run
 from robustflow.run.stages import frames_digest
@@ -70,7 +70,7 @@ def test_processes_and_this_process_give_the_same_rows(both, tmp_path):
 
 
 def test_a_model_without_gradients_is_refused_before_anything_is_computed(tmp_path):
-    refusal(lambda: run(tmp_path / "run", ModelSpec("dis")), ModelError, "dis")
+    refusal(lambda: run(tmp_path / "run", ModelRef.parse("dis")), ModelError, "dis")
     assert not (tmp_path / "run").exists()
 
 
@@ -123,7 +123,7 @@ def test_options_and_other_models_are_part_of_a_rows_name_and_of_the_identity(tm
 def test_run_with_a_changed_surrogate_is_refused(tmp_path, monkeypatch):
     name, model = "transfer:tiny:attack=fgsm:device=cpu", TINY.load()
     run(tmp_path / "run", model, attacks=name, severities=3, count=1)
-    monkeypatch.setattr("robustflow.attacks.composed.ModelSpec.identity", lambda spec, model: {"weights": "new"})
+    monkeypatch.setattr("robustflow.attacks.composed.ModelRef.identity", lambda spec, model: {"weights": "new"})
     again = partial(run, tmp_path / "run", model, attacks=name, severities=3, count=1)
     assert name in str(refusal(again, RunError, tmp_path / "run"))
 

@@ -18,7 +18,7 @@ from robustflow.attacks.trained import Universal
 from robustflow.core.errors import DataError, ModelError, RunError, UsageError
 from robustflow.core.rng import Rng
 from robustflow.data.benchmarks import Benchmark
-from robustflow.models import ModelSpec
+from robustflow.models import ModelRef
 from robustflow.report.attack_tables import attack_table
 from robustflow.run.attack_stage import trained_attacks
 from robustflow.run.plan import Unit
@@ -279,7 +279,7 @@ def test_worker_processes_use_the_perturbation_that_was_trained_once(trained, tm
 def test_perturbation_file_of_a_run_works_on_a_model_without_gradients(trained, tmp_path):
     (path,) = (trained.path / "attacks").glob("universal*")
     name = f"universal:file={path}"
-    moved = _run(tmp_path / "run", name, model=ModelSpec("dis"))
+    moved = _run(tmp_path / "run", name, model=ModelRef.parse("dis"))
     assert _column(moved, name, "frames_digest") == _column(trained, UNIVERSAL, "frames_digest")
 
 

@@ -13,7 +13,7 @@ from PIL import Image
 from robustflow.api import Result, evaluate, load_run
 from robustflow.core.errors import RunError, UsageError
 from robustflow.media.images import read_image, write_image
-from robustflow.models import ModelSpec
+from robustflow.models import ModelRef
 from robustflow.report.comparison import compare
 from robustflow.report.render import render
 
@@ -203,7 +203,7 @@ def test_report_with_examples_draws_the_same_pictures_as_the_run(robustflow, rea
 def measured(tmp_path_factory):
     """Such a run without example pictures."""
     folder = tmp_path_factory.mktemp("measured") / "run"
-    model = ModelSpec("dis", (("preset", "ultrafast"),))
+    model = ModelRef.parse("dis", {"preset": "ultrafast"})
     return evaluate(model, output=folder, corruptions=["contrast"], severities=[1, 3]).path
 
 

@@ -10,7 +10,7 @@ from typing import Any
 import robustflow as rf
 from robustflow.corruptions import IMAGE_PAIR
 from robustflow.media.images import write_image
-from robustflow.models import ModelSpec
+from robustflow.models import ModelRef
 from robustflow.run.run import Run
 from robustflow.testing import TexturePairs
 
@@ -18,7 +18,7 @@ from ..made_rows import made_run
 from ..shared_data import shared_folder
 from .own import Stripes, brightness_flow, partly_invalid_flow
 
-DIS = ModelSpec("dis", (("preset", "ultrafast"),))
+DIS = ModelRef.parse("dis", {"preset": "ultrafast"})
 
 
 @dataclass(frozen=True)

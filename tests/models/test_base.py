@@ -10,10 +10,12 @@ from hypothesis import strategies as st
 
 from robustflow.core.arguments import check_count, check_switch
 from robustflow.core.errors import ModelError, UsageError
-from robustflow.models import ModelSpec, Window
-from robustflow.models.base import model_identity, place_of_pair, predict_checked, window_of
+from robustflow.models import ModelRef, Window
+from robustflow.models.calls import predict_checked
 from robustflow.models.conventions import InputConvention
-from robustflow.models.loading import FunctionModel, device_of, devices_of
+from robustflow.models.devices import device_of, devices_of
+from robustflow.models.objects import FunctionModel
+from robustflow.models.protocols import model_identity, place_of_pair, window_of
 
 from ..refusals import refusal
 
@@ -110,7 +112,7 @@ def test_device_of_a_model_is_normalised(device, is_on):
 
 
 def _spec(name, device=None):
-    return ModelSpec(name, (("device", device),) if device else ())
+    return ModelRef.parse(name, (("device", device),) if device else ())
 
 
 EVERY = ("cuda:0", "cuda:1", "cuda:2", "cuda:3")
@@ -137,7 +139,7 @@ def test_cuda_is_every_visible_gpu_and_a_number_is_that_one(monkeypatch, name, o
 def test_only_gpus_are_listed_and_their_number_is_not_part_of_an_identity():
     refusal(lambda: devices_of(_spec("raft", "cuda:0,cpu"), on("cuda:0")), UsageError, "--device")
     model = SimpleNamespace(identity=lambda: {"name": "mine"})
-    assert _spec("m", "cuda:0,cuda:1").identity(model) == _spec("m", "cuda:2,cuda:3").identity(model)
+    assert _spec("mine:Model", "cuda:0,cuda:1").identity(model) == _spec("mine:Model", "cuda:2,cuda:3").identity(model)
 
 
 there = st.builds(lambda before, after: range(-before, 2 + after), st.integers(0, 9), st.integers(0, 9))

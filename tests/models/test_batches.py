@@ -15,9 +15,9 @@ from torch.func import functional_call
 
 from robustflow import load_model
 from robustflow.core.plugins import parameters_of
-from robustflow.models.networks.table import NETWORKS
-from robustflow.models.ptlflow.models import BATCHED, CLIPS
-from robustflow.models.registry import MODELS
+from robustflow.models.networks.loaders import NETWORKS
+from robustflow.models.ptlflow.loaders import BATCHED, CLIPS
+from robustflow.models.registered import MODELS
 
 from ..parity.weight_rule import fill_by_rule
 from .textures import textured_pair

@@ -12,9 +12,9 @@ import pytest
 
 from robustflow import load_model, write_flow
 from robustflow.core.errors import AssetError, DataError, ModelError, UsageError
-from robustflow.models import FlowLookup, FlowModel, FunctionModel, ModelSpec
-from robustflow.models.base import predict_checked
-from robustflow.models.loading import as_model
+from robustflow.models import FlowLookup, FlowModel, FunctionModel, ModelRef
+from robustflow.models.calls import predict_checked
+from robustflow.models.objects import as_model
 from robustflow.testing import ZeroFlow
 
 from ..refusals import refusal
@@ -142,7 +142,7 @@ def test_module_that_cannot_be_imported_is_refused(tmp_path, monkeypatch):
     ("name", "options"), [("~nobody_here/net.onnx", ()), ("raft_small", (("checkpoint", "~nobody_here/raft.pth"),))]
 )
 def test_a_path_of_an_unknown_user_is_refused_before_loading(name, options):
-    refusal(ModelSpec(name, options).preflight, DataError, dict(options).get("checkpoint", name))
+    refusal(ModelRef.parse(name, options).preflight, DataError, dict(options).get("checkpoint", name))
 
 
 def test_objects_classes_and_functions_are_models():
@@ -177,7 +177,7 @@ def test_the_identity_of_a_folder_is_that_of_its_files_however_they_are_reached(
     (tmp_path / "clip").mkdir()
     (tmp_path / "clip" / "loop").symlink_to(tmp_path / "flows")
     (tmp_path / "here").symlink_to(tmp_path / "flows")
-    identities = [ModelSpec(str(tmp_path / "flows")).load().identity()["files"]]
+    identities = [ModelRef.parse(str(tmp_path / "flows")).load().identity()["files"]]
     for value in (0.0, 1.0):
         write_flow(tmp_path / "clip" / "1.flo", np.full((4, 4, 2), value, np.float32))
         model = load_model(str(tmp_path / "flows"))

@@ -20,8 +20,8 @@ from onnx import TensorProto, helper
 
 import robustflow as rf
 from robustflow.core.errors import AssetError, ModelError, UsageError
-from robustflow.models import ModelSpec
-from robustflow.models.base import BatchedFlowModel
+from robustflow.models import ModelRef
+from robustflow.models.protocols import BatchedFlowModel
 
 from ..refusals import refusal
 from . import onnx_graphs as graphs
@@ -208,7 +208,7 @@ def test_identity_names_the_file_by_its_hash_and_what_changes_the_numbers(tmp_pa
     others = [{"order": "bgr"}, {"scaling": "imagenet"}, {"multiple": 16}, {"inputs": "image2,image1"}, {"threads": 2}]
     assert all(rf.load_model(str(path), **options).identity() != plain for options in others)
     (tmp_path / "elsewhere").mkdir()
-    spec = ModelSpec(str(path.rename(tmp_path / "elsewhere" / "net.onnx")))
+    spec = ModelRef.parse(str(path.rename(tmp_path / "elsewhere" / "net.onnx")))
     assert spec.identity(spec.load()) == {**plain, "options": {}}
 
 

@@ -11,16 +11,15 @@ from robustflow.data.benchmarks.setting import Provenance, provenance_of
 from robustflow.data.benchmarks.setting import setting_of as setting_on
 from robustflow.data.datasets import DATASETS, dataset_facts
 from robustflow.data.datasets.split import drive_disjoint_split, kitti_split
-from robustflow.models import MODELS, ModelSpec
+from robustflow.models import MODELS, ModelRef
 from robustflow.models.catalog import PTLFLOW, checkpoints, entries_of, methods
 from robustflow.models.provenance import TRAINING_SETS, Training, parse_training_sets, training_of, training_of_entry
-from robustflow.models.registry import EXPORTED
 from robustflow.stats.published.tables import published_methods
 from robustflow.testing import BrightnessFlow
 
 
 def test_catalog_lists_exactly_the_models_of_this_package():
-    of_any_method = {"precomputed", *EXPORTED.values()}  # regardless of the file's contents
+    of_any_method = {"precomputed", *("onnx",)}  # regardless of the file's contents
     assert set(methods()) == set(MODELS.names()) - of_any_method
 
 
@@ -200,7 +199,7 @@ def test_a_declaration_is_shown_and_changes_no_identity(tmp_path):
     runs = []
     for declared in (None, "C+T", "M"):
         options = (("preset", "ultrafast"), *((("trained_on", declared),) if declared else ()))
-        spec = ModelSpec("robustflow.models.opencv:Dis", options)
+        spec = ModelRef.parse("robustflow.models.opencv:Dis", options)
         runs.append(rf.evaluate(spec, output=tmp_path / "run", corruptions=["contrast"], severities=[1]))
     # a user-defined model, by module and attribute, although its name is dis
     assert {run.manifest.identity_digest for run in runs} == {runs[0].manifest.identity_digest}

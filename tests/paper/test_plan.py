@@ -41,7 +41,7 @@ def test_plan_without_weights_runs_the_two_classical_methods():
     assert all(choice.remedy for choice in missing.values())
     proposed = [missing[Variant("SAMFlow-H", setting, "samflow_h")].remedy for setting in ("OOD", "ID")]
     assert ["authors' file" in remedy for remedy in proposed] == [True, False]  # one file cannot be both
-    specs = {choice.variant.model: choice.spec for choice in choices if isinstance(choice, Runnable)}
+    specs = {choice.variant.model: choice.ref for choice in choices if isinstance(choice, Runnable)}
     assert specs["farneback"].options == (("preset", "opencv"),)
 
 
@@ -56,9 +56,9 @@ def test_checkpoint_nearest_to_the_papers_is_used():
     found = [_found("raft", name) for name in ("chairs", "kitti", "things", "sintel")]
     kitti = choose(RAFT[:1], "kitti-fc", found)[0]
     gopro = choose(RAFT[:1], "gopro-fc", found)[0]
-    assert dict(kitti.spec.options)["checkpoint"] == "raft-things-802bbcfd.ckpt"
+    assert kitti.ref.checkpoint == "raft-things-802bbcfd.ckpt"
     assert "stand-in raft things, trained on flyingchairs, flyingthings3d" in kitti.weights
-    assert dict(gopro.spec.options)["checkpoint"] == "raft-sintel-fb44381e.ckpt"
+    assert gopro.ref.checkpoint == "raft-sintel-fb44381e.ckpt"
 
 
 def test_file_named_as_the_variant_takes_precedence(tmp_path):
@@ -68,8 +68,8 @@ def test_file_named_as_the_variant_takes_precedence(tmp_path):
     (tmp_path / "raft-ood.pth").write_bytes(b"mine")
     found = [*weights_in([tmp_path]), _found("raft", "things")]
     out, inside = choose(RAFT, "kitti-fc", found)
-    assert dict(out.spec.options)["checkpoint"] == str(tmp_path / "raft-ood.pth")
-    assert dict(inside.spec.options)["checkpoint"] == str(training / "last.pth")
+    assert out.ref.checkpoint == str(tmp_path / "raft-ood.pth")
+    assert inside.ref.checkpoint == str(training / "last.pth")
     assert out.folder == f"raft-ood-{hashlib.sha256(b'mine').hexdigest()[:8]}"
 
 

@@ -7,9 +7,9 @@ pytest.importorskip("torch", reason="needs the torch extra")
 import torch
 
 from robustflow.models.conventions import InputConvention
-from robustflow.models.devices import Execution
+from robustflow.models.execution import Execution
 from robustflow.models.networks.arflow import ARFlow
-from robustflow.models.torch.model import NetworkModel
+from robustflow.models.torch.network_model import NetworkModel
 
 pytestmark = [pytest.mark.parity, pytest.mark.torch]
 PACK = "arflow"

@@ -10,10 +10,10 @@ pytest.importorskip("torch", reason="needs the torch extra")
 import torch
 import torch.nn.functional as F
 
-from robustflow.models.devices import Execution
+from robustflow.models.execution import Execution
 from robustflow.models.networks.flowdiffuser import FlowDiffuser
-from robustflow.models.networks.table import NETWORKS
-from robustflow.models.torch.model import NetworkModel
+from robustflow.models.networks.loaders import NETWORKS
+from robustflow.models.torch.network_model import NetworkModel
 
 from ..shared_data import shared_folder
 from .pack import Pack

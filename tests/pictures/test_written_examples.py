@@ -20,7 +20,7 @@ import robustflow as rf
 from robustflow.core.errors import RunError
 from robustflow.corruptions.digital import Contrast
 from robustflow.media.images import write_image
-from robustflow.models import ModelSpec
+from robustflow.models import ModelRef
 from robustflow.pictures import examples as examples_module
 from robustflow.report.gallery.examples import are_current
 from robustflow.run.progress import DRAWN, TerminalProgress
@@ -32,7 +32,7 @@ from robustflow.testing import ZeroFlow
 from tests.made_rows import change_identity
 from tests.refusals import refusal
 
-DIS = ModelSpec("dis", (("preset", "ultrafast"),))
+DIS = ModelRef.parse("dis", {"preset": "ultrafast"})
 CELLS = {"corruptions": ["contrast", "over_exposure"], "severities": [2, 5]}
 
 
@@ -222,9 +222,9 @@ def test_a_run_folder_cannot_name_code_or_files(culprit, drawn, tmp_path, robust
 
 def test_the_user_may_name_the_model_again():
     given = {"checkpoint": "things"}
-    source = RunSource(ModelSpec("raft", (("checkpoint", "/elsewhere/w.pth"), ("iters", 8))))
-    assert source.model_to_reuse(given) == ModelSpec("raft", (("iters", 8), ("checkpoint", "things")))
-    assert RunSource(ModelSpec("ptlflow:raft")).model_to_reuse({}) == ModelSpec("ptlflow:raft")
+    source = RunSource(ModelRef.parse("raft", (("checkpoint", "/elsewhere/w.pth"), ("iters", 8))))
+    assert source.model_to_reuse(given) == ModelRef.parse("raft", (("iters", 8), ("checkpoint", "things")))
+    assert RunSource(ModelRef.parse("ptlflow:raft")).model_to_reuse({}) == ModelRef.parse("ptlflow:raft")
     assert RunSource().model_to_reuse({}) is None
 
 

@@ -10,7 +10,7 @@ import pytest
 from robustflow.core.errors import UsageError
 from robustflow.corruptions.registry import IMAGE_PAIR
 from robustflow.data.benchmarks import Benchmark
-from robustflow.models import ModelSpec
+from robustflow.models import ModelRef
 from robustflow.run.config import Compute, RunConfig
 from robustflow.run.engines import choose
 from robustflow.run.engines.base import pickled
@@ -34,11 +34,11 @@ class Light(Model):
 
 def _on_gpu(devices="cuda:0", kind=Model):
     """A named model on the first of its devices."""
-    return NamedModel(ModelSpec("raft", (("device", devices),)), kind(devices.partition(",")[0]), {})
+    return NamedModel(ModelRef.parse("raft", (("device", devices),)), kind(devices.partition(",")[0]), {})
 
 
-ON_CPU = NamedModel(ModelSpec("raft"), Model("cpu"), {})
-LIGHT = NamedModel(ModelSpec("dis"), Light("cpu"), {})
+ON_CPU = NamedModel(ModelRef.parse("raft"), Model("cpu"), {})
+LIGHT = NamedModel(ModelRef.parse("dis"), Light("cpu"), {})
 PAIR = [Unit("a", "clean", (0,)), *(Unit("a", name, (1, 2, 3, 4, 5)) for name in IMAGE_PAIR)]
 THREE_PAIRS = PAIR * 3
 

@@ -12,7 +12,7 @@ import robustflow as rf
 from robustflow.core.errors import ModelError, RunError, UsageError
 from robustflow.media.flow import write_flow
 from robustflow.metrics import ause, confidence_correlation, epe_map, error_at, forward_backward
-from robustflow.models import ModelSpec
+from robustflow.models import ModelRef
 from robustflow.run.records.row_rules import broken_rules, row_rules
 from robustflow.stats.frame import confidence_means
 from robustflow.testing import TexturePairs
@@ -32,7 +32,7 @@ class Textures(TexturePairs):
 
 def run(folder, model=None, confidence="forward-backward", **options):
     given = {"corruptions": FAST, "severities": [1, 4], **options}
-    spec = model or ModelSpec("tests.run.models_for_tests:Sure")
+    spec = model or ModelRef.parse("tests.run.models_for_tests:Sure")
     return rf.evaluate(spec, data=TEXTURES, output=folder, confidence=confidence, **given)
 
 
@@ -81,8 +81,8 @@ def test_confidence_of_a_wrong_size_or_nan_ends_the_run_in_one_line(tmp_path):
 
 
 def test_a_confidence_that_the_model_does_not_have_is_refused(tmp_path):
-    refusal(lambda: run(tmp_path / "run", ModelSpec("dis"), "model"), UsageError, "--confidence")
-    refusal(lambda: run(tmp_path / "run", ModelSpec("dis"), "forward"), UsageError, "forward")
+    refusal(lambda: run(tmp_path / "run", ModelRef.parse("dis"), "model"), UsageError, "--confidence")
+    refusal(lambda: run(tmp_path / "run", ModelRef.parse("dis"), "forward"), UsageError, "forward")
     (tmp_path / "flows" / "clean").mkdir(parents=True)
     write_flow(tmp_path / "flows" / "clean" / "0.flo", np.zeros((4, 6, 2), np.float32))
     with pytest.raises(UsageError):

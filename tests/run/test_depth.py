@@ -15,7 +15,7 @@ from robustflow.data.benchmarks import load_benchmark
 from robustflow.data.benchmarks.export import export
 from robustflow.data.datasets import load_dataset
 from robustflow.media.images import read_image
-from robustflow.models import ModelSpec
+from robustflow.models import ModelRef
 from robustflow.run.engines.ray import files_of
 from robustflow.run.plan import Job, Unit
 from robustflow.run.recheck import recheck
@@ -131,7 +131,7 @@ def test_data_without_depth_are_refused_before_anything_is_computed(clip_folder,
 
 
 def test_a_model_of_more_frames_is_refused(clip_folder, maps, tmp_path):
-    model = ModelSpec("tests.run.models_for_tests:FiveFrames")
+    model = ModelRef.parse("tests.run.models_for_tests:FiveFrames")
     refusal(
         lambda: run(tmp_path / "run", "folder", clip_folder, ["fog_3d"], {"depth": maps}, model=model),
         UsageError,

@@ -13,7 +13,7 @@ import pytest
 
 import robustflow as rf
 from robustflow.core.errors import UsageError
-from robustflow.models import ModelSpec
+from robustflow.models import ModelRef
 from robustflow.run.engines.base import Engine
 from robustflow.run.engines.processes import processes, serial
 from robustflow.run.plan import Job, Unit, name_model
@@ -54,7 +54,7 @@ def test_engines_and_halves_make_the_same_rows(kind, clip_folder, tmp_path):
     half = run("halves", corruptions=given["corruptions"][1:], severities=[4], workers=2)
     assert half.rows.height == 2 * len(given["corruptions"]), "clean and all but the first"
     halves = run("halves")
-    device = ModelSpec(name, (("device", "cuda:0"),))
+    device = ModelRef.parse(name, (("device", "cuda:0"),))
     staged = run("staged", device, engine="processes", workers=1, batch_size=1 if kind == "clips" else 2)
     assert whole.rows.height == 2 * (1 + 2 * len(given["corruptions"]))
     assert staged.rows.equals(whole.rows)
@@ -148,7 +148,7 @@ def test_time_spent_on_writing_rows_is_no_prediction_time(tmp_path, monkeypatch)
     monkeypatch.setattr("robustflow.run.engines.processes.time", clock)
     monkeypatch.setattr("robustflow.run.engines.processes.wait", lambda pipes, timeout: wait(pipes))
     data = TexturePairs(2, (24, 32))
-    model = ModelSpec(f"{MODELS}:Logged", (("shape", "24x32"), ("marks", str(tmp_path))))
+    model = ModelRef.parse(f"{MODELS}:Logged", (("shape", "24x32"), ("marks", str(tmp_path))))
     (tmp_path / "clean").mkdir()
     job, units, finished = Job(data, name_model(model), folder=tmp_path), [Unit(key, "clean", (0,)) for key in "01"], []
     for done in processes(job, units, 2, 100):

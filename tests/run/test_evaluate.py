@@ -13,7 +13,7 @@ import pytest
 import robustflow as rf
 from robustflow.core.errors import ModelError, RunError
 from robustflow.corruptions.digital import Contrast
-from robustflow.models import ModelSpec
+from robustflow.models import ModelRef
 from robustflow.run.store import RunFolder
 from robustflow.run.trust import write_array
 
@@ -24,11 +24,11 @@ pytestmark = pytest.mark.usefixtures("demo_is_small")
 
 MODELS = "tests.run.models_for_tests"
 HEIGHT, WIDTH = 167, 247
-DIS = ModelSpec("dis", (("preset", "ultrafast"),))
+DIS = ModelRef.parse("dis", {"preset": "ultrafast"})
 
 
 def _trouble(kind):
-    return ModelSpec(f"{MODELS}:Trouble", (("trouble", kind),))
+    return ModelRef.parse(f"{MODELS}:Trouble", (("trouble", kind),))
 
 
 def _run(folder, **options):
@@ -61,7 +61,7 @@ def test_clean_error_equals_opencv(whole):
 def test_a_finished_run_computes_nothing_again_but_one_row_to_compare(tmp_path, monkeypatch):
     log = tmp_path / "log"
     monkeypatch.setenv("PREDICTION_LOG", str(log))
-    spec = ModelSpec(f"{MODELS}:Logged", (("shape", f"{HEIGHT}x{WIDTH}"),))
+    spec = ModelRef.parse(f"{MODELS}:Logged", (("shape", f"{HEIGHT}x{WIDTH}"),))
     first = rf.evaluate(spec, output=tmp_path / "run", corruptions=FAST, severities=[2, 3])
     asked = log.read_text().splitlines()
     assert len(asked) == len({line.split(" ", 1)[1] for line in asked}) == 1 + 2 * len(FAST)

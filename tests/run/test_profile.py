@@ -13,7 +13,7 @@ from torch import nn
 from robustflow import TorchModel, load_model
 from robustflow.api import evaluate
 from robustflow.core.errors import ModelError, UsageError
-from robustflow.models import ModelSpec
+from robustflow.models import ModelRef
 from robustflow.models.tiling import TiledModel
 from robustflow.report.site.content import whole_content
 from robustflow.run.costs import COUNTED_SIZE, RunCost
@@ -166,7 +166,7 @@ def profile(robustflow):
 
 
 def test_cost_is_stored_in_a_run_and_shown(profile, tmp_path):
-    spec = ModelSpec("arflow", (("checkpoint", "random"), ("device", "cpu")))
+    spec = ModelRef.parse("arflow", (("checkpoint", "random"), ("device", "cpu")))
     run = evaluate(spec, "demo", output=tmp_path / "run", corruptions=["contrast"], severities=[1])
     content = whole_content([Run(run.path)])
     counted, known = RunCost.read(run), content.cells[content.lines[0]]
@@ -190,7 +190,7 @@ def test_cost_is_stored_in_a_run_and_shown(profile, tmp_path):
 
 @pytest.mark.parametrize("runtime", ["numpy", "torch"])
 def test_profile_of_tiny_is_stored_in_a_run_of_either_runtime(profile, tmp_path, runtime):
-    spec = ModelSpec("tiny", (("runtime", runtime),))
+    spec = ModelRef.parse("tiny", (("runtime", runtime),))
     run = evaluate(spec, "demo", output=tmp_path / "run", corruptions=["contrast"], severities=[1])
     code, _, err = profile("tiny", "--size", "64x96", "--repeat", 0, "--into", run.path)
     assert code == 0, err

@@ -23,7 +23,7 @@ from robustflow.core.errors import DataError, ModelError, RunError
 from robustflow.data.video.prepare import Preparation
 from robustflow.data.video.prepare_folder import find_sources, prepare_folder
 from robustflow.media.images import write_image
-from robustflow.models import ModelSpec
+from robustflow.models import ModelRef
 from robustflow.run.engines.ray_actor import Start, UnitActor, installed
 from robustflow.run.engines.ray_prepare import prepare_on_ray
 from robustflow.run.plan import Job, Unit, name_model
@@ -76,7 +76,7 @@ def faults(tmp_path_factory, two_nodes):
 
 
 def _run(folder, frames, **options):
-    model = ModelSpec("tests.run.models_for_tests:Faulty", tuple(options.pop("model", {}).items()))
+    model = ModelRef.parse("tests.run.models_for_tests:Faulty", tuple(options.pop("model", {}).items()))
     return rf.evaluate(model, "folder", frames, folder, corruptions=FAST, **options)
 
 
@@ -115,7 +115,7 @@ def test_killed_actor_loses_no_row_and_its_node_is_named(two_nodes, frames, refe
 
 
 def _evaluate_trouble(kind, frames, folder, **options):
-    model = ModelSpec("tests.run.models_for_tests:Trouble", (("trouble", kind),))
+    model = ModelRef.parse("tests.run.models_for_tests:Trouble", (("trouble", kind),))
     rf.evaluate(model, "folder", frames, folder, limit=1, **options)
 
 

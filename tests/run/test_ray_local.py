@@ -17,7 +17,7 @@ import pytest
 import robustflow as rf
 from robustflow.core.errors import AssetError, ModelError, RunError, UsageError
 from robustflow.data.benchmarks import Benchmark
-from robustflow.models import ModelSpec
+from robustflow.models import ModelRef
 from robustflow.run.engines.ray_cluster import connected
 from robustflow.run.engines.ray_watch import processes_with_files_in
 from robustflow.testing import TexturePairs, ZeroFlow
@@ -37,7 +37,7 @@ from .processes import (
 pytestmark = pytest.mark.ray
 
 SETTING = {"corruptions": FAST, "severities": [1, 4]}
-DIS = ModelSpec("dis", (("preset", "ultrafast"),))
+DIS = ModelRef.parse("dis", {"preset": "ultrafast"})
 
 
 @pytest.fixture(autouse=True)
@@ -150,14 +150,14 @@ def test_address_of_a_different_service_is_refused(tmp_path, scheme, monkeypatch
 
 @pytest.mark.parametrize("devices", ["cuda:1", "cuda:0,cuda:1"])
 def test_gpu_number_is_refused_with_ray(tmp_path, devices):
-    spec = ModelSpec("tests.run.models_for_tests:Faulty", (("device", devices),))
+    spec = ModelRef.parse("tests.run.models_for_tests:Faulty", (("device", devices),))
     refusal(lambda: _evaluate(tmp_path, spec), UsageError, "--device")
 
 
 @pytest.mark.parametrize("fault", ["lock", "stop"])
 def test_a_worker_that_cannot_answer_is_stopped_with_its_model(tmp_path, monkeypatch, fault):
     monkeypatch.setenv("FAULTS", str(tmp_path))
-    spec = ModelSpec("tests.run.models_for_tests:Faulty", (("fault", fault),))
+    spec = ModelRef.parse("tests.run.models_for_tests:Faulty", (("fault", fault),))
     with pytest.raises(ModelError) as caught:
         _evaluate(tmp_path, spec, workers=1, timeout=1.5)
     assert caught.value.culprit.startswith("sample '")
@@ -236,7 +236,7 @@ def test_a_killed_driver_is_resumed_by_another_engine(tmp_path):
     run.communicate()
     finished = rows_so_far(tmp_path / "killed").height
     assert 0 < finished < 1 + 5 * len(FAST)
-    spec = ModelSpec("tests.run.models_for_tests:Faulty", (("pause", 0.0),))
+    spec = ModelRef.parse("tests.run.models_for_tests:Faulty", (("pause", 0.0),))
     resumed = rf.evaluate(spec, output=tmp_path / "killed", corruptions=FAST)
     whole = rf.evaluate(spec, output=tmp_path / "whole", corruptions=FAST)
     assert resumed.rows.equals(whole.rows)

@@ -7,7 +7,7 @@ import pytest
 
 from robustflow.api import evaluate
 from robustflow.core.errors import RobustFlowError, RunError, UsageError
-from robustflow.models import ModelSpec
+from robustflow.models import ModelRef
 from robustflow.run.recheck import recheck
 from robustflow.run.records.pack import load_any_run, pack
 from robustflow.testing import ZeroClipFlow
@@ -26,7 +26,7 @@ def test_recheck_confirms_every_row_of_a_run(run):
     result = recheck(run.manifest.identity, run.rows, count=1000)
     assert result.startswith(f"{run.rows.height} of {run.rows.height} rows")
     close = run.rows.with_columns(**_more("epe_sum", "n_valid", 0.0095))
-    assert recheck(run.manifest.identity, close, model=ModelSpec("dis"), count=1000)
+    assert recheck(run.manifest.identity, close, model=ModelRef.parse("dis"), count=1000)
 
 
 def test_recheck_draws_the_same_rows_with_a_seed_and_new_ones_without(run):
@@ -61,7 +61,7 @@ WITH_MODEL = [
 
 @pytest.mark.parametrize(
     ("change", "what", "model"),
-    [*((*case, None) for case in WITHOUT_MODEL), *((change, "flow", ModelSpec("dis")) for change in WITH_MODEL)],
+    [*((*case, None) for case in WITHOUT_MODEL), *((change, "flow", ModelRef.parse("dis")) for change in WITH_MODEL)],
 )
 def test_recheck_finds_changed_rows(run, change, what, model):
     def check(rows):
@@ -75,12 +75,14 @@ def test_recheck_finds_changed_rows(run, change, what, model):
 def test_recheck_with_another_model_than_the_run_names_is_refused(run, change):
     identity = changed_identity(run.manifest.identity, {**run.manifest.identity.model.settings, **change})
     culprit = f"{next(iter(change))} of the model"
-    refusal(lambda: recheck(identity, run.rows, model=ModelSpec("dis"), count=1), RunError, culprit)
+    refusal(lambda: recheck(identity, run.rows, model=ModelRef.parse("dis"), count=1), RunError, culprit)
 
 
 def test_recheck_with_other_options_of_the_model_names_them_and_not_the_data(run):
     def check():
-        return recheck(run.manifest.identity, run.rows, model=ModelSpec("dis", (("preset", "ultrafast"),)), count=1000)
+        return recheck(
+            run.manifest.identity, run.rows, model=ModelRef.parse("dis", {"preset": "ultrafast"}), count=1000
+        )
 
     error = refusal(check, RunError, "sample 'motorcycle', clean")
     assert "preset is medium, here ultrafast" in str(error)

@@ -11,7 +11,7 @@ import pytest
 import robustflow as rf
 from robustflow.core.errors import ModelError, RunError
 from robustflow.data.benchmarks import Benchmark
-from robustflow.models import ModelSpec
+from robustflow.models import ModelRef
 from robustflow.testing import TexturePairs
 
 from ..refusals import refusal
@@ -23,7 +23,7 @@ KEYS = ("0", "1", "2")
 
 
 def _model(**options):
-    return ModelSpec("tests.run.models_for_tests:Accelerated", tuple(options.items()))
+    return ModelRef.parse("tests.run.models_for_tests:Accelerated", tuple(options.items()))
 
 
 def _run(output, model, **options):
@@ -86,7 +86,7 @@ def test_a_model_object_on_a_device_is_sent_there(tmp_path):
 )
 def test_failing_prediction_process_ends_the_run(tmp_path, trouble, error, fact):
     options = (("trouble", trouble), ("after", 1), ("device", "cuda:0"))
-    model = ModelSpec("tests.run.models_for_tests:Trouble", options)
+    model = ModelRef.parse("tests.run.models_for_tests:Trouble", options)
     benchmark = Benchmark("drawn", TexturePairs(1, (24, 32)), ("0",), ("contrast",), (4,))
     timeout = 1.5 if trouble == "hangs" else None
     run = partial(rf.evaluate, model, benchmark, output=tmp_path / "run", workers=1, timeout=timeout)
@@ -95,7 +95,7 @@ def test_failing_prediction_process_ends_the_run(tmp_path, trouble, error, fact)
 
 def test_a_feeder_that_dies_is_named(tmp_path):
     benchmark = Benchmark("drawn", KillsItsReader(2, (24, 32)), ("0", "1"), ("contrast",), (1,))
-    model = ModelSpec("tests.run.models_for_tests:Accelerated")
+    model = ModelRef.parse("tests.run.models_for_tests:Accelerated")
     run = partial(rf.evaluate, model, benchmark, output=tmp_path / "run", workers=1)
     assert "18" in str(refusal(run, RunError, "sample '1', clean"))
 

@@ -12,7 +12,7 @@ from robustflow.core.errors import ModelError, RunError, UsageError
 from robustflow.data.datasets.still import Still
 from robustflow.media.flow import write_flow
 from robustflow.media.images import read_image
-from robustflow.models import ModelSpec
+from robustflow.models import ModelRef
 from robustflow.pictures.panel import draw_panel
 from robustflow.report.site import render_site, run_content
 from robustflow.run.comparable import sample_set
@@ -94,7 +94,7 @@ def test_a_still_run_is_rechecked_and_compared_with_no_run_of_moving_frames(clip
         lambda: still_run("dis", clip_folder, tmp_path / "moving", limit=1, workers=1), RunError, tmp_path / "moving"
     )
     assert "benchmark" in str(error)
-    result = recheck(still.manifest.identity, still.rows, clip_folder, model=ModelSpec("dis"), count=2)
+    result = recheck(still.manifest.identity, still.rows, clip_folder, model=ModelRef.parse("dis"), count=2)
     assert "2 of 2 rows" in result
 
 

@@ -15,7 +15,7 @@ torch = pytest.importorskip("torch", reason="needs the torch extra")
 import torch.nn.functional as F  # noqa: E402
 from torch import Tensor  # noqa: E402
 
-from robustflow.models.networks.table import NETWORKS  # noqa: E402
+from robustflow.models.networks.loaders import NETWORKS  # noqa: E402
 from robustflow.training.data.loader import Batch, WholeFrames  # noqa: E402
 from robustflow.training.networks import Corrector  # noqa: E402
 from robustflow.training.optimization import SCHEDULES  # noqa: E402

@@ -25,7 +25,7 @@ from torch import distributed  # noqa: E402
 import robustflow as rf  # noqa: E402
 from robustflow.core.errors import DataError, ModelError, RunError, UsageError  # noqa: E402
 from robustflow.data.benchmarks.setting import setting_of  # noqa: E402
-from robustflow.models.torch.model import TorchvisionRaft  # noqa: E402
+from robustflow.models.torch.network_model import TorchvisionRaft  # noqa: E402
 from robustflow.run.plan import name_model  # noqa: E402
 from robustflow.training import session  # noqa: E402
 from robustflow.training.checkpoint import read_progress  # noqa: E402

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from robustflow.core.errors import UsageError
-from robustflow.models.registry import MODELS
+from robustflow.models.registered import MODELS
 from robustflow.training.data.find import Order
 from robustflow.training.plan import expected_memory, plan_text
 from robustflow.training.recipe import load_recipe, mix_parts, recipes_of, trained_methods

@@ -7,16 +7,15 @@ from typing import Any
 
 from ..core.errors import ModelError, RobustFlowError, UsageError, unknown_name
 from ..core.plugins import needed_options
-from ..models import MODELS, FlowModel, ModelSpec
+from ..models import MODELS, FlowModel, ModelRef
 from ..models.catalog import MethodEntry, checkpoints, is_installed, methods
-from ..models.registry import EXPORTED
-from ..models.torch.network import RANDOM
+from ..models.torch.build import RANDOM
 
 
 class Models:
     """Models by name: first those given on the command line, then all models that this installation can run."""
 
-    def __init__(self, given: Sequence[ModelSpec]) -> None:
+    def __init__(self, given: Sequence[ModelRef]) -> None:
         catalogued = methods()
         here = [
             name
@@ -24,15 +23,15 @@ class Models:
             if (_runs_on_pairs(catalogued[name]) if name in catalogued else _needs_nothing(name))
         ]
         here.sort(key=lambda name: (name not in ("dis", "farneback"), name))  # models that need no weights
-        self._specs = {spec.name: spec for spec in given} | {
-            name: ModelSpec(name) for name in here if name not in {spec.name for spec in given}
+        self._refs = {ref.name: ref for ref in given} | {
+            name: ModelRef.parse(name) for name in here if name not in {ref.name for ref in given}
         }
         self._loaded: tuple[tuple[str, str], FlowModel] | None = None
 
     @property
     def names(self) -> list[str]:
         """Model names in the order in which the page offers them."""
-        return list(self._specs)
+        return list(self._refs)
 
     @property
     def offers(self) -> list[dict[str, Any]]:
@@ -52,7 +51,7 @@ class Models:
 
     def check(self, name: str, checkpoint: str = "") -> None:
         """Raise for an unknown name, before any model is imported or loaded."""
-        if name not in self._specs:
+        if name not in self._refs:
             raise unknown_name("model of this app", name, self.names)
         method = methods().get(name)
         if checkpoint and method is not None and method.type == "knowledge":
@@ -65,24 +64,24 @@ class Models:
         self.check(name, checkpoint)
         if self._loaded is None or self._loaded[0] != (name, checkpoint):
             self._loaded = None  # two networks may not fit into memory
-            spec = self._specs[name]
+            ref = self._refs[name]
             if checkpoint:
-                spec = ModelSpec(name, tuple((dict(spec.options) | {"checkpoint": checkpoint}).items()))
+                ref = ref.with_options({"checkpoint": checkpoint})
             try:
-                self._loaded = ((name, checkpoint), _loaded(spec))
+                self._loaded = ((name, checkpoint), _loaded(ref))
             except RobustFlowError as error:
                 raise type(error)(_page_message(str(error))) from error
         return self._loaded[1]
 
-    def load_given(self, spec: ModelSpec) -> None:
+    def load_given(self, ref: ModelRef) -> None:
         """Load a model given on the command line, so that an error ends the command."""
-        self._loaded = ((spec.name, ""), _loaded(spec))
+        self._loaded = ((ref.name, ""), _loaded(ref))
 
 
-def _loaded(spec: ModelSpec) -> FlowModel:
-    model = spec.load()
+def _loaded(ref: ModelRef) -> FlowModel:
+    model = ref.load()
     if not isinstance(model, FlowModel):
-        raise ModelError(f"model '{spec.name}' does not predict from two frames; choose a different model")
+        raise ModelError(f"model '{ref.name}' does not predict from two frames; choose a different model")
     return model
 
 
@@ -102,4 +101,4 @@ def _runs_on_pairs(method: MethodEntry) -> bool:
 
 def _needs_nothing(name: str) -> bool:
     """Return whether a model can be loaded without options, unlike flow files or an exported network."""
-    return name not in EXPORTED.values() and not needed_options(MODELS.get(name))
+    return name != "onnx" and not needed_options(MODELS.get(name))

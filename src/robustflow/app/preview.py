@@ -21,7 +21,7 @@ from ..metrics.error_maps import crer, epe_map
 from ..metrics.regions import Regions
 from ..metrics.rows import measure
 from ..models import FlowModel
-from ..models.base import predict_checked
+from ..models.calls import predict_checked
 from ..report.gallery.examples import cell_scores
 from .models import Models
 from .sources import SourceStore

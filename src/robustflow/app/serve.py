@@ -30,7 +30,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from ..core.errors import UsageError
 from ..core.output import echo
-from ..models import ModelSpec
+from ..models import ModelRef
 from .models import Models
 from .prediction_queue import PredictionQueue
 from .routes import FILES, build
@@ -118,11 +118,11 @@ LOOPBACK = "127.0.0.1"
 DEFAULT_PORT = 8642
 
 
-def serve(given: Sequence[ModelSpec], host: str | None = None, port: int | None = None, browser: bool = True) -> None:
+def serve(given: Sequence[ModelRef], host: str | None = None, port: int | None = None, browser: bool = True) -> None:
     """Serve until interrupted."""
     models = Models(given)
-    for spec in given:
-        models.load_given(spec)
+    for ref in given:
+        models.load_given(ref)
     listening = _listen(host or LOOPBACK, port)
     number = listening.getsockname()[1]
     others = not _is_loopback(listening.getsockname()[0])

@@ -12,8 +12,10 @@ from ..core.arguments import check_severity
 from ..core.errors import DataError, ModelError, UsageError
 from ..core.plugins import own_name
 from ..core.types import Flow, Frame, Mask, Sample, check_frame, described_array
-from ..models.base import AnyModel, FlowModel, predict_checked
-from ..models.loading import as_model, load_model
+from ..models.calls import predict_checked
+from ..models.loading import load_model
+from ..models.objects import as_model
+from ..models.protocols import AnyModel, FlowModel
 from .ball import frames_of
 from .base import Attack, is_of_package, run_attack
 from .evaluation import in_lockstep

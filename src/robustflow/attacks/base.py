@@ -22,7 +22,7 @@ from ..core.plugins import called
 from ..core.rng import Rng
 from ..core.source_digest import source_digest
 from ..core.types import Flow, Mask, read_only
-from ..models.base import AnyModel
+from ..models.protocols import AnyModel
 from .ball import GREY_LEVELS, MOVED, Ball, Images
 from .gradient import check_gradient, refuse_without_gradient
 from .loss import LOSSES, Loss

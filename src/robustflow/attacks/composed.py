@@ -12,8 +12,10 @@ from typing import Any, ClassVar, Self
 from ..core.errors import ModelError, UsageError, unknown_name
 from ..core.files import digest_of_value
 from ..core.rng import Rng
-from ..models.base import AnyModel, FlowModel, predict_checked
-from ..models.loading import ModelSpec, as_model
+from ..models.calls import predict_checked
+from ..models.loading import ModelRef
+from ..models.objects import as_model
+from ..models.protocols import AnyModel, FlowModel
 from .api import load_attack
 from .ball import NORMS, Images, frames_of, images_of
 from .base import VARIANTS, Attack, Learned, run_attack
@@ -92,8 +94,8 @@ class Transfer(Attack):
         return digest_of_value([self._spec.identity(self._surrogate), self.attack.source])
 
     @property
-    def _spec(self) -> ModelSpec | None:
-        return ModelSpec(self.on, self.model_options) if isinstance(self.on, str) else None
+    def _spec(self) -> ModelRef | None:
+        return ModelRef.parse(self.on, self.model_options) if isinstance(self.on, str) else None
 
     @cached_property
     def _surrogate(self) -> AnyModel:

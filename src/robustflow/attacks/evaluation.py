@@ -20,16 +20,8 @@ import numpy as np
 
 from ..core.errors import ModelError, StoppedError
 from ..core.types import Flow, Frame
-from ..models.base import (
-    AnyModel,
-    BatchedFlowModel,
-    Differentiable,
-    FlowModel,
-    describe_cells,
-    naming_errors,
-    predict_batch_checked,
-    predict_checked,
-)
+from ..models.calls import describe_cells, naming_errors, predict_batch_checked, predict_checked
+from ..models.protocols import AnyModel, BatchedFlowModel, Differentiable, FlowModel
 from .ball import Images
 from .loss import Loss
 
@@ -111,7 +103,7 @@ def _settings() -> Any:
     """Return a context with reproducible settings of PyTorch, which attacks change and restore in any order."""
     if "torch" not in sys.modules:
         return nullcontext()
-    from ..models.torch.model import reproducible
+    from ..models.torch.network_model import reproducible
 
     return reproducible()
 
@@ -184,7 +176,7 @@ def _differentiated(asked: Sequence[Evaluation]) -> list[Answer]:
     """Compute flows, and gradients if requested, with PyTorch."""
     import torch
 
-    from ..models.torch.model import reproducible
+    from ..models.torch.network_model import reproducible
     from ..models.torch.whole import as_written
 
     model, gradient = asked[0].model, asked[0].loss is not None

@@ -11,7 +11,7 @@ import numpy.typing as npt
 from ..core.errors import ModelError
 from ..core.rng import Rng
 from ..core.types import Flow
-from ..models.base import Differentiable, model_identity
+from ..models.protocols import Differentiable, model_identity
 from .ball import WHITE, Images
 from .evaluation import Evaluation
 from .result import Verdict

@@ -49,7 +49,7 @@ class Pcfa(Attack):
             raise UsageError("box", "pcfa with moved=joint requires box=clipping")
 
     def run(self, problem: Problem, rng: Rng) -> Images:
-        from ..models.torch.model import reproducible
+        from ..models.torch.network_model import reproducible
 
         if self.box == "change" and _saturated(problem.ball.clean) > _SATURATED:
             problem.troubles.add("saturated")

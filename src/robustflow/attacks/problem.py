@@ -10,7 +10,7 @@ import numpy as np
 from ..core.errors import UsageError
 from ..core.rng import Rng
 from ..core.types import Flow, Frame, Mask, described_array
-from ..models.base import AnyModel
+from ..models.protocols import AnyModel
 from .ball import Ball, Images, frames_of, images_of
 from .evaluation import Answer, Evaluation, evaluate
 from .loss import Loss

@@ -18,7 +18,7 @@ from ..core.files import digest_of_bytes
 from ..core.paths import user_path
 from ..core.rng import Rng
 from ..core.types import Flow
-from ..models.base import AnyModel
+from ..models.protocols import AnyModel
 from .ball import Ball, Images
 from .base import Attack, Learned, Pattern
 from .evaluation import in_lockstep

@@ -39,7 +39,7 @@ def kind_of(word: str) -> str:
     from ..data.benchmarks import BENCHMARKS
     from ..data.datasets import DATASETS
     from ..models.catalog import methods
-    from ..models.registry import MODELS
+    from ..models.registered import MODELS
     from ..training.recipe import recipes_of, trained_methods
 
     first = re.split(r"[,:+]", word)[0].lower()

@@ -30,5 +30,5 @@ def app(
     from ..app.serve import serve
 
     terminate_as_on_ctrl_c()  # so that the uploads are removed
-    spec = model_spec(given)
-    serve([] if spec is None else [spec], host, port, browser)
+    ref = model_spec(given)
+    serve([] if ref is None else [ref], host, port, browser)

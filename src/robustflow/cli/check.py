@@ -30,7 +30,8 @@ def check(
       robustflow check mypackage.data:MyPairs --kind dataset
       robustflow check raft -O checkpoint=raft-things.pth
     """
-    from ..models.loading import as_model, load_model, takes_two_frames
+    from ..models.loading import load_model
+    from ..models.objects import as_model, takes_two_frames
     from ..testing import check_attack, check_corruption, check_dataset, check_model
 
     checks = {"model": check_model, "corruption": check_corruption, "attack": check_attack, "dataset": check_dataset}

@@ -107,7 +107,7 @@ def _export_run(context: typer.Context, path: Path, format: str, output: Path | 
 
 def _export_submission(path: Path, given: dict[str, Any]) -> None:
     from ..data.datasets.robustspring import CORRUPTIONS, submitted
-    from ..models import ModelSpec
+    from ..models import ModelRef
     from ..run.records.pack import load_any_run
     from ..run.source import RunSource
     from ..run.submission import Robustness, condition_pairs, model_of, write_submission
@@ -119,11 +119,13 @@ def _export_submission(path: Path, given: dict[str, Any]) -> None:
         raise UsageError("--data", "give RobustSpring's frames, the folder that contains spring/test/")
     output, options = given["output"] or Path("submission"), model_options(given)
     run = load_any_run(path)
-    recorded = given["model"] is None
-    spec = RunSource.read(run.path).model_to_reuse(dict(options)) if recorded else ModelSpec(given["model"], options)
+    if given["model"] is None:
+        ref = RunSource.read(run.path).model_to_reuse(dict(options))
+    else:
+        ref = ModelRef.parse(given["model"], options)
     conditions, keys = condition_pairs(given["data"], names(given["corruptions"]) or CORRUPTIONS, given["limit"])
     with ProgressBar() as progress:
-        written = write_submission(run, model_of(run, spec), conditions, keys, output)
+        written = write_submission(run, model_of(run, ref), conditions, keys, output)
         flows = list(progress.track(written, f"{output}: predicting", len(conditions) * len(keys)))
     moved: dict[str, list[Robustness]] = {}
     for predicted in flows:

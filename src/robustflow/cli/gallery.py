@@ -99,7 +99,7 @@ def _pair_files(
     from ..data.benchmarks.paper import DEMO_CLASSES
     from ..data.datasets.still import still_scene
     from ..models import load_model
-    from ..models.base import FlowModel
+    from ..models.protocols import FlowModel
     from ..report.gallery.cells import pair_cells
     from ..report.gallery.draw import draw_strip
     from ..report.gallery.slider import gallery_files

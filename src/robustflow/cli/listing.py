@@ -48,7 +48,7 @@ def listing(
 def _models() -> list[str]:
     from ..models import MODELS
     from ..models.catalog import is_in_ptlflow, methods
-    from ..models.ptlflow.models import BESIDES
+    from ..models.ptlflow.loaders import BESIDES
 
     seen = _checkpoints()
     head = ("model", "method", "year", "type", "source", "code licence", "here", "checkpoints, on kitti-fc")
@@ -86,7 +86,7 @@ def _model_line(name: str, seen: dict[str, list[str]]) -> tuple[str, ...]:
     from ..data.benchmarks.setting import setting_of
     from ..models.catalog import is_installed, methods
     from ..models.provenance import DECLARED, Training, parse_training_sets
-    from ..models.tiny.model import SHIPPED, shipped_weights
+    from ..models.tiny.tiny import SHIPPED, shipped_weights
 
     if name in _OF_FILES:
         what, extra = _OF_FILES[name]

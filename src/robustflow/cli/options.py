@@ -17,7 +17,7 @@ from . import complete
 if TYPE_CHECKING:
     from ..core.types import Sample, SceneDepth
     from ..data.datasets.base import Dataset
-    from ..models import ModelSpec
+    from ..models import ModelRef
 
 Command = TypeVar("Command", bound=Callable[..., None])
 Given = dict[str, Any]
@@ -204,14 +204,14 @@ def model_options(given: Mapping[str, Any]) -> tuple[tuple[str, Any], ...]:
     return options + tuple(named.items())
 
 
-def model_spec(given: Mapping[str, Any]) -> "ModelSpec | None":
+def model_spec(given: Mapping[str, Any]) -> "ModelRef | None":
     """Return the model that the shared options name, with its options; None without --model."""
-    from ..models import ModelSpec
+    from ..models import ModelRef
 
     options = model_options(given)
     if given["model"] is None and options:
         raise UsageError(options[0][0], "this is a model option: give the model with --model")
-    return None if given["model"] is None else ModelSpec(given["model"], options)
+    return None if given["model"] is None else ModelRef.parse(given["model"], options)
 
 
 def names(text: str | None) -> list[str] | None:

@@ -92,7 +92,7 @@ def displacement(
       robustflow reproduce displacement gopro-fc --data ~/gopro-fc --model raft --into runs/gopro-fc_raft_1a2b3c4d
     """
     from ..data.benchmarks import load_benchmark
-    from ..models import ModelSpec
+    from ..models import ModelRef
     from ..report.figures import displacement_figure, write_figures
     from ..report.site.page import write_report
     from ..run.displacement import clean_digests, displacement_histogram, displacement_label, write_displacement
@@ -103,7 +103,7 @@ def displacement(
     opened = load_benchmark(benchmark, given["data"], given["split"], data_options(given))
     chosen = opened.narrowed(limit=given["limit"])
     run = None if into is None else _run_of(into, chosen)
-    loaded = ModelSpec(model, keyword_options(given["option"])).load() if model is not None else None
+    loaded = ModelRef.parse(model, keyword_options(given["option"])).load() if model is not None else None
     folder = output if output is not None or run is not None else Path("displacement")
     if folder is not None:
         make_folder(folder)

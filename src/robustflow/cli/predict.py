@@ -39,7 +39,7 @@ def predict(
       robustflow predict --model raft --checkpoint things frames/ -o flows --format png
       robustflow predict --model farneback clip.mp4 --video flow.mp4 --no-pictures
     """
-    from ..models import ModelSpec
+    from ..models import ModelRef
     from ..run.predict import frames_of, predict_flows, write_pictures, write_video
 
     if video is None:
@@ -52,11 +52,11 @@ def predict(
         raise UsageError("--video", f"{video}: the name must end in .mp4")
     if video is not None and video.exists() and not overwrite:
         raise UsageError(video, "already exists; choose another name, or give --overwrite")
-    spec = ModelSpec(given["model"] or "dis", model_options(given))
+    ref = ModelRef.parse(given["model"] or "dis", model_options(given))
     dataset = frames_of(frames, dict(keyword_options(given["data_options"])))
     output, total = given["output"] or Path("flows"), len(dataset.keys())
     with ProgressBar() as progress:
-        flows = predict_flows(spec, dataset, output, suffix=suffix, overwrite=overwrite)
+        flows = predict_flows(ref, dataset, output, suffix=suffix, overwrite=overwrite)
         done = list(progress.track(flows, f"{output}: predicting", total))
         longest = radius if radius is not None else max(prediction.radius for prediction in done)
         if pictures:

@@ -67,10 +67,10 @@ def profile(
 def _print_model(
     name: str, size: str, repeat: int, options: dict[str, Any], into: Path | None
 ) -> "tuple[Counts, PredictionCost | None]":
-    from ..models import ModelSpec
+    from ..models import ModelRef
     from ..models.catalog import entries_of, methods
     from ..models.tiling import TiledModel
-    from ..models.torch.network import RANDOM
+    from ..models.torch.build import RANDOM
     from ..run.costs import RunCost, check_profiled_model
     from ..run.profile import count_prediction, measure_prediction, network_of
     from ..run.run import Run
@@ -80,7 +80,7 @@ def _print_model(
     method = methods().get(name)
     learns = bool(entries_of(name)) or (method is not None and method.type != "knowledge")
     asked = {**({"checkpoint": RANDOM} if learns else {}), **options}
-    model: Any = ModelSpec(name, tuple(asked.items())).load()
+    model: Any = ModelRef.parse(name, tuple(asked.items())).load()
     network = network_of(model)
     if run is not None:
         check_profiled_model(run, model.identity())

@@ -12,7 +12,7 @@ from ..core.text import plain
 from .options import DATASET, DEPTH, data_options, model_spec, refuse_unused, shared
 
 if TYPE_CHECKING:
-    from ..models import ModelSpec
+    from ..models import ModelRef
     from ..run.records.read import Reader
     from ..run.records.verify import Verification
 
@@ -83,13 +83,13 @@ def verify(
     from ..report.exchange import check_exported
     from ..run.records.verify import verify as verify_file
 
-    spec, count = model_spec(given), 20 if check_frames is None else check_frames
+    ref, count = model_spec(given), 20 if check_frames is None else check_frames
     compare = partial(_compare_rows, data=given["data"], options=data_options(given), count=count, seed=seed)
-    frames = compare if given["data"] is not None or check_frames is not None or spec is not None else None
+    frames = compare if given["data"] is not None or check_frames is not None or ref is not None else None
     if frames is None:
         unused = {"seed", "own_corruption", *DATASET}
         refuse_unused(context, unused, "without --data, --model or --check-frames")
-    predictions = None if spec is None else partial(compare, model=spec)
+    predictions = None if ref is None else partial(compare, model=ref)
     compare_exported = partial(check_exported, paths=exported) if exported else None
     results = [verify_file(path, frames=frames, predictions=predictions, exported=compare_exported) for path in files]
     if given["as_json"]:
@@ -101,7 +101,7 @@ def verify(
         raise typer.Exit(1)
 
 
-def _compare_rows(reader: "Reader", data: Path | None, model: "ModelSpec | None" = None, **options: Any) -> str:
+def _compare_rows(reader: "Reader", data: Path | None, model: "ModelRef | None" = None, **options: Any) -> str:
     """Compare rows with recomputed frames, and with predictions if a model is given. Rows of attacks are skipped
     because their frames depend on the model."""
     import polars as pl

@@ -149,7 +149,7 @@ def _print_runs(runs: "Sequence[Run]", metric: str | None, as_json: bool) -> Non
 
 def _draw(folder: Path, cell: tuple[str | None, str | None, int | None], given: dict[str, Any]) -> None:
     """Draw the examples of a run, or only one of its cells: (sample, corruption, severity)."""
-    from ..models import ModelSpec
+    from ..models import ModelRef
     from ..pictures.examples import draw_example, write_examples
     from ..report.gallery.examples import FOLDER, are_current
     from ..report.site.page import write_report
@@ -162,8 +162,8 @@ def _draw(folder: Path, cell: tuple[str | None, str | None, int | None], given: 
     if sample is not None and (corruption is None or severity is None):
         raise UsageError("--sample", "a single picture needs --sample KEY, --corruption NAME and --severity N")
     before = RunSource.read(run.path)
-    spec = before.model_to_reuse(dict(options)) if given["model"] is None else ModelSpec(given["model"], options)
-    source = RunSource(spec, given["data"] or before.data, before.data_options | data_options(given))
+    ref = before.model_to_reuse(dict(options)) if given["model"] is None else ModelRef.parse(given["model"], options)
+    source = RunSource(ref, given["data"] or before.data, before.data_options | data_options(given))
     plan = restore_plan(run, source)
     if sample is not None and corruption is not None and severity is not None:
         target = given["output"] or Path(f"{sample.replace('/', '_')}_{corruption}_{severity}.png")

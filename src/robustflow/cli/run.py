@@ -43,7 +43,7 @@ def run(
       robustflow run --model tiny --attacks apgd,square --severities 1,3
       robustflow run --model dis -O preset=fast -c weather,psf_blur -s 1-3
     """
-    from ..models import ModelSpec
+    from ..models import ModelRef
 
     terminate_as_on_ctrl_c()
     options = model_options(given)
@@ -56,9 +56,9 @@ def run(
         raise UsageError("--name", "applies to a single model; leave it out, or run the models one by one")
     if seeds < 1:
         raise UsageError("--seeds", f"{seeds}: give 1 or more")
-    specs = [ModelSpec(model, options) for model in models]
-    for spec in specs:
-        spec.preflight()  # check before the imports below, which take seconds
+    refs = [ModelRef.parse(model, options) for model in models]
+    for ref in refs:
+        ref.preflight()  # check before the imports below, which take seconds
     from ..api import Result, evaluate
     from ..run.progress import TerminalProgress
 
@@ -73,13 +73,13 @@ def run(
 
     progress = TerminalProgress() if as_json else TerminalProgress(show_numbers)
     try:
-        for spec in specs:
-            of_model = output if output is None or len(models) == 1 else output / file_name(spec.name)
+        for ref in refs:
+            of_model = output if output is None or len(models) == 1 else output / file_name(ref.name)
             for seed in range(first, first + runs):
                 folder = of_model if of_model is None or runs == 1 else of_model / f"seed{seed}"
                 arguments_of_run = arguments | {"output": folder, "seed": seed, "draws": seeds // runs}
                 with progress:
-                    results.append(evaluate(spec, **arguments_of_run, progress=progress))
+                    results.append(evaluate(ref, **arguments_of_run, progress=progress))
     except KeyboardInterrupt:
         raise stopped(f"{progress.finished_work()} Run the same command again") from None
     from .tables import as_json_text, print_results

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from .base import ClipModel, Differentiable, FlowLookup, FlowModel, Window
-from .loading import FunctionModel, ModelSpec, list_models, load_model
-from .registry import MODELS
+from .loading import ModelRef, list_models, load_model
+from .objects import FunctionModel
+from .protocols import ClipModel, Differentiable, FlowLookup, FlowModel, Window
+from .registered import MODELS
 
 __all__ = [
     "MODELS",
@@ -13,7 +14,7 @@ __all__ = [
     "FlowLookup",
     "FlowModel",
     "FunctionModel",
-    "ModelSpec",
+    "ModelRef",
     "Window",
     "list_models",
     "load_model",

@@ -16,7 +16,8 @@ import numpy.typing as npt
 from ..core.errors import ModelError, UsageError, unknown_name
 from ..core.text import counted
 from ..core.types import Flow, Frame
-from .base import AnyModel, ClipModel, FlowModel, checked_flow, naming_errors
+from .calls import checked_flow, naming_errors
+from .protocols import AnyModel, ClipModel, FlowModel
 
 FORWARD_BACKWARD, OF_MODEL = "forward-backward", "model"
 CONFIDENCES = (FORWARD_BACKWARD, OF_MODEL)

@@ -1,92 +1,47 @@
-"""Execution settings shared by all network adapters, and the line of user code at which a model failed."""
+"""The device of a loaded model, and the accelerators that a run uses."""
 
 from __future__ import annotations
 
-import inspect
-import traceback
-from collections.abc import Callable
-from dataclasses import asdict, dataclass, fields
-from functools import wraps
-from pathlib import Path
-from typing import Any, TypeVar
+import sys
+from typing import Any
 
-from ..core.arguments import check_count, check_switch
-from ..core.errors import unknown_name
-from .conventions import MOST_THREADS
-
-PRECISIONS = ("fp32", "bf16")
-Model = TypeVar("Model")
+from ..core.errors import UsageError
+from .loading import ModelRef
 
 
-@dataclass(frozen=True)
-class Execution:
-    """The execution settings of a PyTorch network."""
-
-    device: str = "auto"
-    precision: str = "fp32"
-    compile: bool = False
-    threads: int = 1
-
-    def __post_init__(self) -> None:
-        if self.precision not in PRECISIONS:
-            raise unknown_name("precision", str(self.precision), PRECISIONS)
-        check_count("threads", self.threads, most=MOST_THREADS)
-        check_switch("compile", self.compile)
-
-    def record(self, device: str) -> dict[str, Any]:
-        """Return the settings for a model's identity; `device` is the type of the device that is used."""
-        return {**asdict(self), "device": device}
+def device_of(model: Any) -> str:
+    """Return the device of a model ("cuda:0", "cuda", ...); "cpu" if it does not declare one."""
+    device = getattr(model, "device", None)
+    if isinstance(device, str):
+        return device.strip() or "cpu"
+    return str(device) if isinstance(getattr(device, "type", None), str) else "cpu"
 
 
-def with_execution(factory: Callable[..., Model]) -> Callable[..., Model]:
-    """Decorate a factory so that it accepts the fields of `Execution` as options and receives a single `execution`.
+def is_accelerator(device: str) -> bool:
+    """Return whether a device is not the CPU.
 
-    >>> @with_execution
-    ... def build(size=3, *, execution):
-    ...     return size, execution.device
-    >>> build(4, device="cpu")
-    (4, 'cpu')
-    >>> list(inspect.signature(build).parameters)
-    ['size', 'device', 'precision', 'compile', 'threads']
+    >>> is_accelerator("cuda:0"), is_accelerator("cpu")
+    (True, False)
     """
-    shared = [
-        inspect.Parameter(field.name, inspect.Parameter.KEYWORD_ONLY, default=field.default)
-        for field in fields(Execution)
-    ]
-
-    @wraps(factory)
-    def build(*arguments: Any, **options: Any) -> Model:
-        given = {one.name: options.pop(one.name) for one in shared if one.name in options}
-        return factory(*arguments, execution=Execution(**given), **options)
-
-    signature = inspect.signature(factory)
-    own = [one for name, one in signature.parameters.items() if name != "execution"]
-    parameters = sorted([*own, *shared], key=lambda one: one.kind)  # `**options` has to be the last
-    build.__signature__ = signature.replace(parameters=parameters)  # type: ignore[attr-defined]
-    return build
+    return device.partition(":")[0] not in ("cpu", "auto", "meta")
 
 
-_PACKAGE = str(Path(__file__).resolve().parent.parent)
+def devices_of(ref: ModelRef | None, model: Any) -> tuple[str, ...]:
+    """Return the accelerators that a run uses, each with its own prediction process; none for a model on the CPU."""
+    listed = ref.devices() if ref is not None else ()
+    if len(listed) > 1:
+        if not all(is_accelerator(device) for device in listed):
+            raise UsageError("--device", f"only GPUs can be listed, not {','.join(listed)}; pass cpu alone")
+        return listed
+    own = device_of(model)
+    if not is_accelerator(own):
+        return ()
+    if ref is not None and ":" not in own and (listed or not ref.is_own):
+        return tuple(f"{own}:{number}" for number in range(_visible(own))) or (own,)
+    return (own,)
 
 
-def traceback_hint(error: BaseException) -> str:
-    """Return the last line of user code in a traceback as " (at net.py:12)"; if there is none, return the last line of
-    the traceback.
-
-    >>> try:
-    ...     {}["a"]
-    ... except KeyError as error:
-    ...     print(traceback_hint(error).endswith(":2)"))
-    True
-    """
-    frames = [frame for frame in traceback.extract_tb(error.__traceback__) if frame.lineno]
-    if not frames:
-        return ""
-    user = [frame for frame in frames if not _is_library(frame.filename)]
-    outside = [frame for frame in frames if not frame.filename.startswith(_PACKAGE)]
-    last = (user or outside or frames)[-1]
-    return f" (at {last.filename}:{last.lineno})"
-
-
-def _is_library(file: str) -> bool:
-    return file.startswith(_PACKAGE) or "site-packages" in file or "dist-packages" in file or "/lib/python" in file
+def _visible(kind: str) -> int:
+    """Return the number of devices of one kind that PyTorch finds; 0 if the model does not use PyTorch."""
+    torch = sys.modules.get("torch")
+    return int(torch.cuda.device_count()) if torch is not None and kind == "cuda" else 0

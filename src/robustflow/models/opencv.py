@@ -15,7 +15,7 @@ from ..core.arguments import check_count
 from ..core.errors import ModelError, UsageError, unknown_name
 from ..core.processes import one_opencv_thread
 from ..core.types import Flow, Frame
-from .pairs import check_pair
+from .pair_network import check_pair
 
 
 class Farneback:

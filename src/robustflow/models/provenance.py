@@ -11,7 +11,7 @@ from pydantic import Field
 from ..core.errors import UsageError, unknown_name
 from ..core.types import Untrusted
 from .catalog import CheckpointEntry, entries_of, methods
-from .torch.network import RANDOM
+from .torch.build import RANDOM
 
 Setting = Literal["knowledge", "OOD", "ID", "LEAKED", "untrained", "UNKNOWN"]
 

@@ -15,8 +15,9 @@ import numpy.typing as npt
 from ..core.arguments import parse_size
 from ..core.errors import UsageError
 from ..core.types import Flow, Frame
-from .base import AnyModel, ClipModel, FlowModel, checked_flow, model_identity
-from .pairs import check_pair
+from .calls import checked_flow
+from .pair_network import check_pair
+from .protocols import AnyModel, ClipModel, FlowModel, model_identity
 
 OVERLAP = 20
 """Minimum overlap of neighbouring tiles, in pixels."""

@@ -28,8 +28,8 @@ def measure_variants(
         try:
             if choice.folder not in done:
                 folder = output / artefact.benchmark / choice.folder
-                spec = choice.spec.on(device) if device is not None and choice.spec.options else choice.spec
-                done[choice.folder] = evaluate(spec, artefact.benchmark, output=folder, **options)
+                ref = choice.ref.on(device) if device is not None and choice.ref.checkpoint is not None else choice.ref
+                done[choice.folder] = evaluate(ref, artefact.benchmark, output=folder, **options)
         except RobustFlowError as error:
             yield Missing(choice.variant, f"failed: {error}", "", failed=True)
         else:

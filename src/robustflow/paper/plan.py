@@ -15,11 +15,11 @@ from ..core.paths import user_path
 from ..core.text import counted
 from ..data.benchmarks import benchmark_facts
 from ..data.benchmarks.setting import setting_of
-from ..models import ModelSpec
+from ..models import ModelRef
 from ..models.catalog import CheckpointEntry, checkpoints, is_installed, methods
-from ..models.networks.table import NETWORKS
+from ..models.networks.loaders import NETWORKS
 from ..models.provenance import training_of_entry
-from ..models.torch.network import RANDOM
+from ..models.torch.build import RANDOM
 from ..report.table import Column, Row, Table
 from ..stats.published.tables import published_results
 from ..stats.results import SETTING_LABELS
@@ -224,14 +224,14 @@ class Runnable:
     """A variant that can be run."""
 
     variant: Variant
-    spec: ModelSpec
+    ref: ModelRef
     weights: str
     folder: str
 
     @property
     def random(self) -> bool:
         """Return whether the weights are random, in which case the results are not informative about the method."""
-        return dict(self.spec.options).get("checkpoint") == RANDOM
+        return self.ref.checkpoint == RANDOM
 
 
 @dataclass(frozen=True)
@@ -256,8 +256,8 @@ def _runnable_or_missing(
 ) -> Runnable | Missing:
     entry = methods()[variant.model]
     if entry.type == "knowledge":
-        spec = ModelSpec(variant.model, _OPTIONS.get(variant.model, ()))
-        return Runnable(variant, spec, _GREY if variant.model == "dis" else "", variant.model)
+        ref = ModelRef.parse(variant.model, _OPTIONS.get(variant.model, ()))
+        return Runnable(variant, ref, _GREY if variant.model == "dis" else "", variant.model)
     if not is_installed(entry):
         return Missing(variant, f"needs {entry.extra}", f"pip install 'robustflow[{entry.extra}]'")
     for file in weights:
@@ -270,14 +270,14 @@ def _runnable_or_missing(
         stand_in = f"stand-in {nearest.model} {nearest.checkpoint}, trained on {sets}"
         return _runnable(variant, of_catalogue[nearest.sha256], stand_in)
     if random:
-        spec = ModelSpec(variant.model, (("checkpoint", RANDOM),))
-        return Runnable(variant, spec, "RANDOM WEIGHTS: not informative about the method", f"{variant.model}-random")
+        ref = ModelRef.parse(variant.model, {"checkpoint": RANDOM})
+        return Runnable(variant, ref, "RANDOM WEIGHTS: not informative about the method", f"{variant.model}-random")
     return Missing(variant, _reason(variant, benchmark, weights), _remedy(variant, benchmark))
 
 
 def _runnable(variant: Variant, file: FoundWeights, weights: str) -> Runnable:
-    spec = ModelSpec(variant.model, (("checkpoint", str(file.path)),))
-    return Runnable(variant, spec, weights, f"{variant.slug}-{file.sha256}")
+    ref = ModelRef.parse(variant.model, {"checkpoint": str(file.path)})
+    return Runnable(variant, ref, weights, f"{variant.slug}-{file.sha256}")
 
 
 def _nearest(variant: Variant, benchmark: str, entries: Sequence[CheckpointEntry]) -> CheckpointEntry | None:

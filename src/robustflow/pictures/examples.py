@@ -18,7 +18,7 @@ from ..core.files import TEMPORARY, make_folder, write_bytes, write_json
 from ..core.processes import in_child
 from ..media.images import jpeg_bytes, shrunk
 from ..metrics.rows import ROW_KEY
-from ..models.base import describe_cell
+from ..models.calls import describe_cell
 from ..report.gallery.examples import (
     EXAMPLES_FILE,
     FOLDER,

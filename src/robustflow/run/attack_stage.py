@@ -25,7 +25,8 @@ from ..data.benchmarks import Benchmark
 from ..data.datasets.split import read_split
 from ..metrics.error_maps import epe_map
 from ..metrics.rows import CLEAN
-from ..models.base import AnyModel, FlowModel, describe_cell, describe_cells, predict_checked
+from ..models.calls import describe_cell, describe_cells, predict_checked
+from ..models.protocols import AnyModel, FlowModel
 from .cells import Cell
 from .data_files import file_digests
 from .plan import Job, Plan, Unit

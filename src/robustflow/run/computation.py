@@ -20,7 +20,7 @@ from ..metrics.confidence import STEPS, confidence_correlation, forward_backward
 from ..metrics.error_maps import epe_map, error_sum
 from ..metrics.photometric import Misread, misread, misread_truth
 from ..metrics.rows import CLEAN, COVERAGES, measure
-from ..models.base import describe_cell
+from ..models.calls import describe_cell
 from ..models.confidence import Answer, flow_of
 from .cells import Cell
 from .plan import Job, Unit

@@ -23,7 +23,7 @@ from ..core.plugins import called
 from ..core.text import counted, plain
 from ..data.datasets.base import Clips, Dataset, Depths
 from ..data.datasets.clips import ContextFrames
-from ..models.base import Window
+from ..models.protocols import Window
 
 DIGEST_LIST = "digests.b2sum"
 """File name of the list of digests in a dataset's folder."""

@@ -18,7 +18,8 @@ from ..core.text import counted, plain
 from ..core.types import Flow, Mask
 from ..data.benchmarks import Benchmark, benchmark_facts
 from ..metrics.rows import CLEAN
-from ..models.base import AnyModel, FlowLookup, FlowModel, describe_cell, predict_checked
+from ..models.calls import describe_cell, predict_checked
+from ..models.protocols import AnyModel, FlowLookup, FlowModel
 from .comparable import sample_set
 from .costs import RunAttachment
 from .run import Run

@@ -79,8 +79,8 @@ class FrameIdentity(FrameOptions, _IdentityPart):
 
 
 class ModelIdentity(_IdentityPart):
-    """The model's description of itself (`robustflow.models.base.model_identity`), and the window of frames around a
-    pair that the model receives; None for a two-frame model."""
+    """The model's description of itself (`robustflow.models.protocols.model_identity`), and the window of frames
+    around a pair that the model receives; None for a two-frame model."""
 
     settings: dict[str, JsonValue]
     window: dict[str, JsonValue] | None = None

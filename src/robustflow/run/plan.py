@@ -23,9 +23,9 @@ from ..data.benchmarks.base import Benchmark
 from ..data.datasets.base import Dataset, Depths
 from ..data.datasets.clips import window_on
 from ..metrics.rows import CLEAN, ROW_SCHEMA_VERSION
-from ..models import ModelSpec
-from ..models.base import AnyModel, FlowLookup, Window, given_name, model_identity
-from ..models.loading import as_model
+from ..models import ModelRef
+from ..models.objects import as_model
+from ..models.protocols import AnyModel, FlowLookup, Window, given_name, model_identity
 from ..models.provenance import DECLARED, UNDECLARED, Training, training_of
 from .cells import Cell, Cells
 from .config import DEFAULTS, FrameOptions, MeasuringOptions, RunConfig
@@ -37,44 +37,45 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class NamedModel:
-    """A model that every process of a run can load: by its spec if it has one, otherwise as a pickled object."""
+    """A model that every process of a run can load: by its reference if it has one, otherwise as a pickled object."""
 
-    spec: ModelSpec | None
+    ref: ModelRef | None
     model: AnyModel
     identity: dict[str, Any]
     training: Training = UNDECLARED
     name: str | None = None
 
     def __getstate__(self) -> dict[str, Any]:
-        return self.__dict__ | ({} if self.spec is None else {"model": None})
+        return self.__dict__ | ({} if self.ref is None else {"model": None})
 
     @property
     def label(self) -> str:
         """The model's name in error messages."""
         object_name = self.identity.get("name") or self.identity.get("object") or "model"
-        return self.name or (str(object_name) if self.spec is None else self.spec.name)
+        return self.name or (str(object_name) if self.ref is None else self.ref.name)
 
     def load(self) -> AnyModel:
-        """Return the model; a copy in another process loads it by its spec."""
-        return self.spec.load() if self.spec is not None and self.model is None else self.model
+        """Return the model; a copy in another process loads it by its reference."""
+        return self.ref.load() if self.ref is not None and self.model is None else self.model
 
     def on(self, device: str) -> NamedModel:
-        """Return the model on one device, if it is loaded by a spec."""
-        return self if self.spec is None else replace(self, spec=self.spec.on(device))
+        """Return the model on one device, if it is loaded by a reference."""
+        return self if self.ref is None else replace(self, ref=self.ref.on(device))
 
 
-def name_model(model: str | Path | ModelSpec | AnyModel | Callable[..., Any]) -> NamedModel:
-    """Load a model by name, path or spec, or wrap a model object; raise a UsageError if it declares an unknown training
-    set."""
-    spec = ModelSpec(str(model)) if isinstance(model, str | Path) else model if isinstance(model, ModelSpec) else None
-    loaded = as_model(model, f"the model {model!r}") if spec is None else spec.load()
-    identity = model_identity(loaded) if spec is None else spec.identity(loaded)
-    declared = dict(spec.options if spec else ()).get(DECLARED, getattr(loaded, DECLARED, None))
-    own_name = given_name(loaded) if spec is None or spec.is_own else None
-    return NamedModel(spec, loaded, identity, training_of(identity, declared), own_name)
+def name_model(model: str | Path | ModelRef | AnyModel | Callable[..., Any]) -> NamedModel:
+    """Load a model by name, path or reference, or wrap a model object; raise a UsageError if it declares an unknown
+    training set."""
+    parsed = ModelRef.parse(model) if isinstance(model, str | Path) else model
+    ref = parsed if isinstance(parsed, ModelRef) else None
+    loaded = as_model(model, f"the model {model!r}") if ref is None else ref.load()
+    identity = model_identity(loaded) if ref is None else ref.identity(loaded)
+    declared = dict(ref.options if ref else ()).get(DECLARED, getattr(loaded, DECLARED, None))
+    own_name = given_name(loaded) if ref is None or ref.is_own else None
+    return NamedModel(ref, loaded, identity, training_of(identity, declared), own_name)
 
 
-def load_predictor(model: str | Path | ModelSpec | AnyModel) -> NamedModel:
+def load_predictor(model: str | Path | ModelRef | AnyModel) -> NamedModel:
     """Load a model as `name_model` does, and check that it can predict the flow of new frames."""
     named = name_model(model)
     if isinstance(named.model, FlowLookup):

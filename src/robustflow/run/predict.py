@@ -22,8 +22,8 @@ from ..data.video.codec import I420, crf, rgb_to_i420
 from ..media.colours import flow_colours, flow_radius
 from ..media.flow import read_flow, write_flow
 from ..media.images import image_size, write_image
-from ..models import ModelSpec
-from ..models.base import AnyModel
+from ..models import ModelRef
+from ..models.protocols import AnyModel
 from .config import MeasuringOptions
 from .plan import Job, NamedModel, load_predictor
 from .worker import temporary_worker
@@ -59,7 +59,7 @@ def frames_of(paths: list[Path], options: Mapping[str, object]) -> Dataset:
 
 
 def predict_flows(
-    model: str | Path | ModelSpec | AnyModel,
+    model: str | Path | ModelRef | AnyModel,
     dataset: Dataset,
     folder: Path,
     *,

@@ -42,8 +42,8 @@ from ..core.errors import AssetError, ModelError, RobustFlowError, UsageError, c
 from ..models import load_model
 from ..models.catalog import methods
 from ..models.tiling import TiledModel
-from ..models.torch.model import NetworkModel, TorchClipModel
-from ..models.torch.network import RANDOM
+from ..models.torch.build import RANDOM
+from ..models.torch.network_model import NetworkModel, TorchClipModel
 
 _LOGGER = logging.getLogger("torch._subclasses.fake_tensor")
 

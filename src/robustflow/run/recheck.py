@@ -19,8 +19,8 @@ from ..core.errors import RunError, UsageError
 from ..core.rng import Rng
 from ..core.text import plain
 from ..metrics.rows import CLEAN
-from ..models import ModelSpec
-from ..models.base import describe_cell
+from ..models import ModelRef
+from ..models.calls import describe_cell
 from .config import MeasuringOptions
 from .identity import Identity
 from .plan import NO_MODEL, Unit, name_model
@@ -37,7 +37,7 @@ def recheck(
     rows: pl.DataFrame,
     data: str | Path | None = None,
     *,
-    model: ModelSpec | None = None,
+    model: ModelRef | None = None,
     options: dict[str, Any] | None = None,
     count: int = 20,
     seed: int | None = None,

@@ -17,9 +17,9 @@ from ..data.benchmarks.facts import check_still, is_still, moving_name
 from ..data.benchmarks.registry import check_keys
 from ..data.datasets import DATASETS
 from ..data.datasets.base import FromClips
-from ..models import MODELS, ModelSpec
-from ..models.base import AnyModel, BatchedFlowModel, ClipModel, FlowLookup
+from ..models import MODELS, ModelRef
 from ..models.confidence import check_confidence
+from ..models.protocols import AnyModel, BatchedFlowModel, ClipModel, FlowLookup
 from .cells import left_out_sentence
 from .config import DEFAULTS, MeasuringOptions, RunConfig
 from .identity import FrameIdentity, Identity, checked_name, difference, differing_fields
@@ -29,7 +29,7 @@ from .source import RunSource
 
 
 def set_up(
-    model: str | Path | ModelSpec | NamedModel | AnyModel | Callable[..., Any],
+    model: str | Path | ModelRef | NamedModel | AnyModel | Callable[..., Any],
     benchmark: Benchmark,
     config: RunConfig = DEFAULTS,
 ) -> Plan:

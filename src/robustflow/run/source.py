@@ -20,15 +20,15 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from ..core.errors import RunError
+from ..core.errors import RunError, UsageError
 from ..core.files import write_json
 from ..core.paths import user_path
 from ..core.text import file_name, plain
 from ..data.benchmarks.facts import moving_name
 from ..data.datasets.base import OWN_FRAMES
 from ..models.catalog import PTLFLOW, is_in_ptlflow
-from ..models.loading import ModelSpec
-from ..models.registry import MODELS
+from ..models.loading import ModelRef
+from ..models.registered import MODELS
 from .identity import differing_fields
 from .plan import Plan
 from .store import RunFolder
@@ -40,12 +40,16 @@ FILE = "source.json"
 class RunSource:
     """The model and data needed to set up a run again."""
 
-    model: ModelSpec | None = None
+    model: ModelRef | None = None
     data: Path | None = None
     data_options: dict[str, Any] = field(default_factory=dict)
+    unread: str = ""
+    """Name of a recorded model that is code or a file, which is not loaded."""
 
     def write(self, folder: Path) -> None:
-        model = None if self.model is None else {"name": self.model.name, "options": _plain(self.model.options)}
+        model = None
+        if self.model is not None:
+            model = {"name": self.model.name, "options": _plain(self.model.keywords.items())}
         data = None if self.data is None else str(user_path(self.data).absolute())
         options = _plain(self.data_options.items())
         write_json(folder / FILE, {"schema": 1, "model": model, "data": data, "data_options": options})
@@ -55,29 +59,30 @@ class RunSource:
         """Read the source of a run; return an empty source if there is no file."""
         try:
             source = json.loads((folder / FILE).read_text(encoding="utf-8"))
-            spec, data = source["model"], source["data"]
-            model = None if spec is None else ModelSpec(str(spec["name"]), tuple(_scalars(spec["options"]).items()))
-            return cls(model, None if data is None else Path(data), _scalars(source["data_options"]))
+            model, data = source["model"], source["data"]
+            name, options = ("", {}) if model is None else (str(model["name"]), _scalars(model["options"]))
+            registered = name.removeprefix(PTLFLOW) in MODELS.names() or is_in_ptlflow(name)
+            loadable = registered and name not in _OF_FILES
+            ref = ModelRef.parse(name, options) if loadable else None
+            unread = "" if loadable else name
+            return cls(ref, None if data is None else Path(data), _scalars(source["data_options"]), unread)
         except FileNotFoundError:
             return cls()
-        except (OSError, ValueError, KeyError, TypeError, RecursionError) as error:
+        except (OSError, ValueError, KeyError, TypeError, RecursionError, UsageError) as error:
             raise RunError(folder / FILE, "damaged; delete it, and give --model and --data instead") from error
 
-    def model_to_reuse(self, given: Mapping[str, Any]) -> ModelSpec | None:
+    def model_to_reuse(self, given: Mapping[str, Any]) -> ModelRef | None:
         """Return the recorded model with the options that the user gives now; None for a Python object."""
+        if self.unread:
+            raise RunError(plain(self.unread), f"{FILE} names code or a file, which is not loaded; give --model")
         if self.model is None:
             return None
-        options = {key: value for key, value in self.model.options if key not in given}
-        name = self.model.name
-        registered = name.removeprefix(PTLFLOW) in MODELS.names() or is_in_ptlflow(name)
-        if name in _OF_FILES or not registered:
-            raise RunError(plain(name), f"{FILE} names code or a file, which is not loaded; give --model")
-        for key, value in options.items():
-            if isinstance(value, str) and _LIKE_A_PATH.search(value):
+        for key, value in self.model.keywords.items():
+            if key not in given and isinstance(value, str) and _LIKE_A_PATH.search(value):
                 raise RunError(
                     plain(value, 200), f"{FILE} names a file, which is not opened; give -O {plain(key)}=VALUE"
                 )
-        return ModelSpec(name, tuple((options | dict(given)).items()))
+        return self.model.with_options(given)
 
 
 _OF_FILES = ("precomputed", "onnx")
@@ -108,8 +113,8 @@ def _plain(options: Iterable[tuple[str, Any]]) -> dict[str, Any]:
 def default_folder(plan: Plan, data: str | Path | None = None) -> Path:
     """Return the default folder of a run: `runs/<benchmark>_<model>_<identity>`, followed by the name of the data
     for a user's own frames, because the identity does not depend on which frames they are."""
-    spec = plan.model.spec
-    name = spec.name if spec is not None else plan.model.identity.get("name", "model")
+    ref = plan.model.ref
+    name = ref.name if ref is not None else plan.model.identity.get("name", "model")
     benchmark = plan.benchmark.name
     if moving_name(benchmark) == OWN_FRAMES and data is not None:
         benchmark += f"-{file_name(user_path(data).absolute().stem)[-40:]}"

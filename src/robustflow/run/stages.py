@@ -24,19 +24,7 @@ from ..data.datasets.clips import ContextFrames
 from ..data.datasets.own import load_checked
 from ..metrics.regions import Regions
 from ..metrics.rows import CLEAN
-from ..models.base import (
-    AnyModel,
-    BatchedFlowModel,
-    ClipModel,
-    FlowLookup,
-    FlowModel,
-    describe_cell,
-    describe_cells,
-    place_of_pair,
-    predict_batch_checked,
-    predict_checked,
-    predict_clip_checked,
-)
+from ..models.calls import describe_cell, describe_cells, predict_batch_checked, predict_checked, predict_clip_checked
 from ..models.confidence import (
     FORWARD_BACKWARD,
     OF_MODEL,
@@ -47,6 +35,7 @@ from ..models.confidence import (
     with_back,
     with_spread,
 )
+from ..models.protocols import AnyModel, BatchedFlowModel, ClipModel, FlowLookup, FlowModel, place_of_pair
 from .cells import Cell
 from .pictures import picture_path, slider_picture
 from .plan import Job

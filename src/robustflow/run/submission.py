@@ -17,7 +17,7 @@ from ..data.benchmarks.base import spread
 from ..data.datasets.robustspring import CLEAN, ConditionPairs
 from ..media.flow import read_flow, write_flow
 from ..metrics.error_maps import FL_PIXELS, FL_SHARE, epe_map, magnitude_map
-from ..models import ModelSpec
+from ..models import ModelRef
 from .data_files import file_digests
 from .identity import difference
 from .plan import NamedModel, load_predictor
@@ -48,10 +48,10 @@ class Submitted:
     moved: Robustness | None
 
 
-def model_of(run: Run, spec: ModelSpec | None) -> NamedModel:
-    if spec is None:
+def model_of(run: Run, ref: ModelRef | None) -> NamedModel:
+    if ref is None:
         raise RunError(run.path, "does not record how to load its model; specify --model NAME and its options")
-    named = load_predictor(spec)
+    named = load_predictor(ref)
     recorded = run.manifest.identity.model.settings
     if named.identity != recorded:
         differing = difference(named.identity, recorded)

@@ -16,8 +16,8 @@ from ..corruptions.registry import IMAGE_PAIR
 from ..data.benchmarks import Benchmark
 from ..data.benchmarks.base import AnyCorruption
 from ..metrics.rows import CLEAN, rows_frame
-from ..models.base import AnyModel
-from ..models.loading import as_model
+from ..models.objects import as_model
+from ..models.protocols import AnyModel
 from .comparable import measured_cells, sample_set_of
 from .engines.processes import SERIAL
 from .plan import NamedModel

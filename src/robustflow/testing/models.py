@@ -15,8 +15,8 @@ from ..core.errors import ModelError, raise_interrupt
 from ..core.text import counted
 from ..core.types import Flow, Frame, described_array
 from ..metrics.photometric import misread
-from ..models.base import AnyModel, BatchedFlowModel, ClipModel, Differentiable, FlowModel, given_name, window_of
 from ..models.confidence import ConfidentModel, flow_of, predict_with_confidence_checked
+from ..models.protocols import AnyModel, BatchedFlowModel, ClipModel, Differentiable, FlowModel, given_name, window_of
 from ..run.identity import checked_name
 from ..run.plan import name_model
 

@@ -26,7 +26,7 @@ from ..core.display import ProgressBar
 from ..core.errors import DataError, ModelError, RobustFlowError, class_and_message
 from ..core.files import write_bytes
 from ..core.rng import key_of
-from ..models.devices import traceback_hint
+from ..models.calls import traceback_hint
 from .checkpoint import BEST, LAST, TrainingProgress, save_training, save_weights
 from .data.loader import Batch, Share, batches
 from .data.pairs import TrainingPairs

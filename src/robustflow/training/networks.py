@@ -17,8 +17,8 @@ from ..models import load_model
 from ..models.networks.blocks.raft import convex_upsample, mask_layers
 from ..models.networks.brightflow import ResidualEncoder
 from ..models.tiling import TiledModel
-from ..models.torch.model import NetworkModel, fitted_values, unfitted_flow
-from ..models.torch.network import RANDOM, weights_seeded
+from ..models.torch.build import RANDOM, weights_seeded
+from ..models.torch.network_model import NetworkModel, fitted_values, unfitted_flow
 from ..models.torch.user_model import ModuleNet
 from .data.loader import Batch
 from .recipe import BrightflowObjective, Recipe, is_own, takes_iterations

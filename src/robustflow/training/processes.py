@@ -12,7 +12,7 @@ import torch
 from torch import distributed
 
 from ..core.errors import UsageError
-from ..models.torch.model import find_device
+from ..models.torch.network_model import find_device
 
 
 @dataclass(frozen=True)

@@ -24,7 +24,7 @@ from ..core.paths import user_path
 from ..core.plugins import accepts
 from ..core.types import FrozenFinite
 from ..models.catalog import PTLFLOW
-from ..models.registry import MODELS
+from ..models.registered import MODELS
 
 Range = tuple[float, float]
 

@@ -16,7 +16,7 @@ from ..core.files import TEMPORARY, digest_of_bytes, make_folder, write_json
 from ..core.paths import refuse_links, user_path
 from ..data.datasets import dataset_facts
 from ..models.provenance import TRAINING_SETS, training_of
-from ..models.torch.network import RANDOM
+from ..models.torch.build import RANDOM
 from .checkpoint import LAST, TrainingProgress, read_progress
 from .data.find import OpenPart, Order, open_part
 from .data.pairs import TrainingPairs

@@ -9,7 +9,7 @@ from typing import NamedTuple
 from ..core.errors import ModelError, UsageError
 from ..core.text import counted
 from ..metrics.rows import CLEAN
-from ..models.base import FlowModel
+from ..models.protocols import FlowModel
 from ..run.setup import open_benchmark
 from ..run.validate import validate
 from .request import Validation

@@ -11,7 +11,7 @@ from robustflow.core.errors import DataError, RunError, UsageError
 from robustflow.data.benchmarks import load_benchmark
 from robustflow.data.benchmarks.export import export
 from robustflow.data.benchmarks.setting import setting_of
-from robustflow.models import ModelSpec
+from robustflow.models import ModelRef
 from robustflow.models.provenance import Training
 from robustflow.report.site.content import run_content
 from robustflow.report.site.models import model_pages
@@ -20,7 +20,7 @@ from tests.data.datasets.layouts import picture
 from tests.made_rows import made_run
 from tests.refusals import refusal
 
-DIS = ModelSpec("dis", (("preset", "ultrafast"),))
+DIS = ModelRef.parse("dis", {"preset": "ultrafast"})
 
 
 class Fade:

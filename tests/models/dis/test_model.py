@@ -15,7 +15,7 @@ from skimage import data
 from robustflow import load_model
 from robustflow.data.datasets import load_dataset
 from robustflow.metrics import epe
-from robustflow.models.dis.model import OPERATING_POINTS
+from robustflow.models.dis.dis_rgb import OPERATING_POINTS
 
 SHIFTS = [(0.5, -0.25), (3.3, 2.7), (-7.5, 4.4), (12.4, -9.8), (-19.6, 3.2)]
 

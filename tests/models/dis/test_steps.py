@@ -8,7 +8,7 @@ from scipy.sparse import lil_matrix
 from scipy.sparse.linalg import spsolve
 
 from robustflow.models.dis import refine
-from robustflow.models.dis.model import OPERATING_POINTS, densified
+from robustflow.models.dis.dis_rgb import OPERATING_POINTS, densified
 from robustflow.models.dis.pyramid import (
     coefficients,
     enlarged,

@@ -10,8 +10,8 @@ import pytest
 
 from robustflow import load_model
 from robustflow.core.errors import ModelError
-from robustflow.models import ModelSpec
-from robustflow.models.networks.table import NETWORKS
+from robustflow.models import ModelRef
+from robustflow.models.networks.loaders import NETWORKS
 from robustflow.models.tiling import TiledModel
 
 from ...refusals import refusal
@@ -105,10 +105,10 @@ def test_tiles_of_the_authors_size_are_the_default_of_samflow(load):
 
 @pytest.mark.torch
 def test_the_place_of_a_checkpoint_is_not_part_of_a_runs_identity(checkpoint):
-    specs = [ModelSpec("upflow", (("checkpoint", str(checkpoint("upflow", folder))),)) for folder in ("a", "b")]
+    specs = [ModelRef.parse("upflow", (("checkpoint", str(checkpoint("upflow", folder))),)) for folder in ("a", "b")]
     one, other = (spec.identity(spec.load()) for spec in specs)
     assert one == other
-    spec = ModelSpec("upflow", (*specs[0].options, ("mask_threshold", 1.0)))
+    spec = ModelRef.parse("upflow", (*specs[0].options, ("mask_threshold", 1.0)))
     assert spec.identity(spec.load()) != one
 
 

@@ -12,8 +12,8 @@ import pytest
 from robustflow import load_model
 from robustflow.core.errors import UsageError
 from robustflow.models import ClipModel, FlowModel
-from robustflow.models.base import place_of_pair
-from robustflow.models.ptlflow.models import CLIPS
+from robustflow.models.protocols import place_of_pair
+from robustflow.models.ptlflow.loaders import CLIPS
 
 from ...refusals import refusal
 

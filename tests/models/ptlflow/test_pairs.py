@@ -11,11 +11,11 @@ import pytest
 
 from robustflow import load_model
 from robustflow.core.errors import ModelError, UsageError
-from robustflow.models import ModelSpec
+from robustflow.models import ModelRef
 from robustflow.models.catalog import PTLFLOW
 from robustflow.models.confidence import ConfidentModel
-from robustflow.models.ptlflow.models import BESIDES, CONFIDENT, constructor_options
-from robustflow.models.registry import MODELS
+from robustflow.models.ptlflow.loaders import BESIDES, CONFIDENT, constructor_options
+from robustflow.models.registered import MODELS
 
 from ...refusals import refusal
 from ..textures import textured_pair
@@ -119,7 +119,7 @@ def test_models_of_the_library_load_by_name(library):
     assert model.predict(*frames).shape == (128, 160, 2)
     assert load_model("ptlflow:raft", checkpoint="random").identity()["iterations"] == 32
     refusal(lambda: load_model("pwcnet", checkpoint="random", iterations=3), UsageError, "iterations")
-    spec = ModelSpec("ptlflow:raft_small", (("checkpoint", "random"),))
+    spec = ModelRef.parse("ptlflow:raft_small", (("checkpoint", "random"),))
     assert "source" not in spec.identity(model), "the library must be identified by its version instead of a file hash"
 
 

@@ -13,7 +13,7 @@ from scipy.signal import correlate2d
 from robustflow import load_model
 from robustflow.data.datasets import load_dataset
 from robustflow.models.tiny import layers
-from robustflow.models.tiny.model import SHIPPED, shipped_weights
+from robustflow.models.tiny.tiny import SHIPPED, shipped_weights
 from robustflow.testing import check_model
 
 from ...guide_blocks import DOCS

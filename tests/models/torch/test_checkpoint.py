@@ -23,8 +23,8 @@ import torch
 from safetensors.torch import save_file
 
 from robustflow.core.errors import ModelError, UsageError
+from robustflow.models.torch.build import find_checkpoint
 from robustflow.models.torch.checkpoint import read_content
-from robustflow.models.torch.network import find_checkpoint
 
 from ...refusals import refusal
 from .small_net import BelowModel, Net, Payload, load, net_state
@@ -150,7 +150,7 @@ _READ = """
 import resource, sys
 from robustflow.core.errors import ModelError
 from robustflow.models.torch.checkpoint import read_content
-from robustflow.models.torch.network import find_checkpoint
+from robustflow.models.torch.build import find_checkpoint
 from pathlib import Path
 before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
 resource.setrlimit(resource.RLIMIT_DATA, (before * 1024 + 2**31,) * 2)

@@ -12,11 +12,11 @@ import torch
 from robustflow import load_model
 from robustflow.core.errors import ModelError, UsageError
 from robustflow.models.conventions import InputConvention
-from robustflow.models.devices import Execution
+from robustflow.models.execution import Execution
 from robustflow.models.networks.arflow import ARFlow
 from robustflow.models.networks.brightflow import BrightFlow
 from robustflow.models.networks.upflow import UPFlow
-from robustflow.models.torch.model import NetworkModel, resize, resize_flow
+from robustflow.models.torch.network_model import NetworkModel, resize, resize_flow
 
 from ...refusals import refusal
 from ..textures import noise_pair, textured_pair

@@ -10,8 +10,8 @@ from torch import nn
 
 import robustflow as rf
 from robustflow.core.errors import ModelError, UsageError
-from robustflow.models import ModelSpec
-from robustflow.models.loading import as_model
+from robustflow.models import ModelRef
+from robustflow.models.objects import as_model
 
 from ...refusals import refusal
 from ..textures import channel_flow, noise_pair, textured_pair
@@ -181,7 +181,7 @@ def test_command_line_accepts_a_module_or_a_factory(tmp_path, monkeypatch):
     for attribute, given, gain in (("Net", {}, 1), ("factory", {}, 2), ("net", {}, 3), ("factory", {"gain": 5.0}, 5)):
         model = rf.load_model(f"nets_of_a_user:{attribute}", **given, **options)
         np.testing.assert_array_equal(model.predict(first, second), first[..., :2] * np.float32(gain))
-    spec = ModelSpec("nets_of_a_user:factory", tuple(options.items()))
+    spec = ModelRef.parse("nets_of_a_user:factory", tuple(options.items()))
     assert spec.identity(spec.load())["input"]["scale"] == 1.0
     refusal(lambda: rf.load_model("nets_of_a_user:factory", gian=5.0, **options), UsageError, "gian")
     broken = rf.load_model("nets_of_a_user:Broken", **options)

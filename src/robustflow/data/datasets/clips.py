@@ -16,7 +16,7 @@ from ...core.plugins import called
 from ...core.types import Frame, Sample, check_frame
 from ...corruptions.api import corrupt_clip
 from ...corruptions.corruption import Corruption
-from ...models.base import AnyModel, ClipModel, FlowModel, Window, window_of
+from ...models.protocols import AnyModel, ClipModel, FlowModel, Window, window_of
 from . import DATASETS, dataset_facts
 from .base import Clips, CorruptedClips, Dataset, PreCorrupted, has_clips, range_around
 

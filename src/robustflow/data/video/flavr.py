@@ -15,7 +15,7 @@ from ...core.errors import UsageError
 from ...core.files import sha256_of_file
 from ...core.types import Frame
 from ...models.torch.checkpoint import load_weights, read_checkpoint
-from ...models.torch.model import find_device
+from ...models.torch.network_model import find_device
 
 
 class Gate(nn.Module):

@@ -18,7 +18,7 @@ import numpy as np
 from ...core.compiled import inner, njit
 from ...core.errors import AssetError, UsageError
 from ...core.types import Frame
-from ...models.dis.model import OperatingPoint, dis_flow
+from ...models.dis.dis_rgb import OperatingPoint, dis_flow
 
 WINDOW = 4
 """Number of frames passed to an interpolator: the two frames around the gap and one more on each side, as required by

@@ -6,7 +6,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional as F
 
-from ..torch.model import resize_flow
+from ..torch.network_model import resize_flow
 from .blocks.correlation import WINDOW, local_correlation
 from .blocks.pwc import ContextNetwork, FeaturePyramid, conv, warp
 

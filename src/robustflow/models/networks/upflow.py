@@ -9,7 +9,7 @@ from torch import Tensor, nn
 from torch.nn import functional as F
 
 from ...core.errors import ModelError
-from ..torch.model import resize, resize_flow
+from ..torch.network_model import resize, resize_flow
 from .blocks.correlation import WINDOW, local_correlation
 from .blocks.pwc import ContextNetwork, DenseEstimator, FeaturePyramid, conv, inside_mask, leaves, warp
 

@@ -1,5 +1,5 @@
 """Optical-flow networks in ONNX files."""
 
-from .model import OnnxModel
+from .process import OnnxModel
 
 __all__ = ["OnnxModel"]

@@ -18,7 +18,7 @@ from ...core.files import sha256_of_file
 from ...core.types import Flow, Frame
 from ..conventions import InputConvention, named_convention
 from ..model_file import damaged, opened
-from ..pairs import PairNetwork, describe_arrays, flow_layout
+from ..pair_network import PairNetwork, describe_arrays, flow_layout
 
 _DTYPES = {"tensor(float)": np.float32, "tensor(float16)": np.float16, "tensor(double)": np.float64}
 _CUDA = "CUDAExecutionProvider"

@@ -13,7 +13,7 @@ from torch import Tensor, nn
 from ..networks.blocks.correlation import local_correlation
 from ..networks.blocks.pwc import FeaturePyramid, conv, warp
 from ..networks.blocks.raft import convex_upsample
-from ..torch.model import resize_flow
+from ..torch.network_model import resize_flow
 from .layers import CHANNELS, DECODER, EPSILON, FINEST, RADIUS, REDUCED
 
 

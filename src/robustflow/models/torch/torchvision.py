@@ -8,23 +8,25 @@ from typing import TYPE_CHECKING, Any
 
 from ...core.arguments import check_count
 from ..conventions import RAFT_SMALLEST, InputConvention
-from ..devices import Execution, with_execution
-from .network import SOURCES, check_available, network_model
+from ..execution import Execution
+from .build import SOURCES, check_available, network_model
 
 if TYPE_CHECKING:
-    from .model import NetworkModel
+    from .network_model import NetworkModel
 
 _SOURCE = SOURCES["torchvision"]
 
 
-@with_execution
 def _raft(
     name: str,
     checkpoint: str | Path | None = None,
     *,
     iterations: int = 12,
     sha256: str | None = None,
-    execution: Execution,
+    device: str = "auto",
+    precision: str = "fp32",
+    compile: bool = False,
+    threads: int = 1,
 ) -> NetworkModel:
     """Build torchvision's RAFT; frames are padded to multiples of 8 by repeating the border."""
     check_count("iterations", iterations)
@@ -33,7 +35,7 @@ def _raft(
     from torchvision.models import optical_flow
 
     def build() -> Any:
-        from .model import TorchvisionRaft
+        from .network_model import TorchvisionRaft
 
         return TorchvisionRaft(getattr(optical_flow, name)(weights=None), iterations)
 
@@ -51,7 +53,7 @@ def _raft(
             "library": f"torchvision {version}",
             "normalisation": "-1..1",
         },
-        execution=execution,
+        execution=Execution(device, precision, compile, threads),
     )
 
 

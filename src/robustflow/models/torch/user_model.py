@@ -14,11 +14,12 @@ from torch.nn.parameter import is_lazy
 
 from ...core.arguments import check_switch
 from ...core.errors import ModelError, RobustFlowError, UsageError, class_and_message, unknown_name
+from ..calls import traceback_hint
 from ..conventions import named_convention
-from ..devices import Execution, traceback_hint
-from ..pairs import describe_arrays, flow_layout
+from ..execution import Execution
+from ..pair_network import describe_arrays, flow_layout
 from .checkpoint import is_plain, kind_of, load_weights, read_checkpoint
-from .model import NetworkModel, find_device
+from .network_model import NetworkModel, find_device
 
 LAYOUTS = ("pair", "concatenated", "stacked", "images")
 _DEFAULT: dict[str, Any] = {"scaling": "0-1", "order": "rgb", "multiple": 8, "layout": "pair", "output": None}

@@ -11,7 +11,7 @@ from ...core.errors import UsageError, unknown_name
 from ...core.plugins import require
 from ...core.processes import available_processors, forks_children, may_have_children
 from ...core.text import counted
-from ...models.loading import devices_of
+from ...models.devices import devices_of
 from ..plan import Job, Plan, Unit
 from .base import Engine, pickled
 from .device import BATCHES_PER_FEEDER
@@ -54,7 +54,7 @@ def choose_engine(plan: Plan) -> Engine:
         if several is not None:
             raise UsageError(several, "serial runs have one worker and cannot stop a model; use --engine processes")
         return SERIAL
-    devices = devices_of(model.spec, model.model)
+    devices = devices_of(model.ref, model.model)
     given = {"--engine": name, "--workers": workers, "--timeout": timeout}
     asked = next((option for option, value in given.items() if value is not None), None)
     if devices and plan.benchmark.attacks:
@@ -84,7 +84,7 @@ def suits_a_child(plan: Plan) -> bool:
 
 
 def _is_light(plan: Plan) -> bool:
-    return getattr(plan.model.model, "single_threaded", False) is True and plan.model.spec is not None
+    return getattr(plan.model.model, "single_threaded", False) is True and plan.model.ref is not None
 
 
 def _pool(workers: int, timeout: float | None, devices: Sequence[str] = ()) -> Engine:

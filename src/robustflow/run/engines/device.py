@@ -22,7 +22,7 @@ import numpy as np
 
 from ...core.errors import RunError
 from ...metrics.rows import CLEAN
-from ...models.base import describe_cell
+from ...models.calls import describe_cell
 from ...models.confidence import CHANNELS, Answer
 from ..cells import Cell
 from ..computation import Answered, Computation, FinishedUnit, Place, Task, compute_units

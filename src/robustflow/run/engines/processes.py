@@ -20,7 +20,7 @@ from typing import Any
 
 from ...core.errors import ModelError
 from ...core.processes import Child, one_opencv_thread, preload
-from ...models.base import describe_cell
+from ...models.calls import describe_cell
 from ..computation import FinishedUnit
 from ..plan import NO_MODEL, Job, Unit
 from ..worker import UNITS_AHEAD, Worker

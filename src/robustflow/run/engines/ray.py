@@ -20,8 +20,8 @@ from uuid import uuid4
 from ...core.errors import RunError, UsageError
 from ...core.processes import ONE_THREAD, rebuilt
 from ...core.text import first_of
-from ...models.base import describe_cell
-from ...models.loading import device_of, is_accelerator
+from ...models.calls import describe_cell
+from ...models.devices import device_of, is_accelerator
 from ..computation import FinishedUnit
 from ..data_files import files_of_sample
 from ..plan import Job, Unit
@@ -61,7 +61,7 @@ def on_ray(
 
 def _needs_gpu(job: Job) -> bool:
     """Return whether every actor needs its own GPU."""
-    listed = job.model.spec.devices() if job.model.spec else ()
+    listed = job.model.ref.devices() if job.model.ref else ()
     if any(":" in device for device in listed):
         raise UsageError(
             "--device",

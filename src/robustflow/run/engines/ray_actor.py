@@ -131,7 +131,7 @@ class UnitActor:
                 f"cannot import a module of the run ({error}); install it on every node, or put it on PYTHONPATH "
                 "before Ray starts there",
             ) from error
-        model = name_model(job.model.spec or job.model.model)
+        model = name_model(job.model.ref or job.model.model)
         if model.identity != job.model.identity:
             differing = difference(model.identity, job.model.identity)
             why = (

@@ -15,7 +15,7 @@ from torch import Tensor
 from torch.nn import functional as F
 
 from ...models.networks.blocks.pwc import leaves, warp
-from ...models.torch.model import resize_flow
+from ...models.torch.network_model import resize_flow
 from ..recipe import UpflowObjective
 from .terms import (
     Luma,

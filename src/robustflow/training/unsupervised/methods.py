@@ -14,7 +14,7 @@ from torch import Tensor, nn
 
 from ...core.errors import UsageError
 from ...core.rng import Rng, key_of
-from ...models.torch.model import fitted_values
+from ...models.torch.network_model import fitted_values
 from ..augmentation.affine import draw_moves, moved, moved_flow
 from ..data.loader import Batch
 from ..draws import with_noise

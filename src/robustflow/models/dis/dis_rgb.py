@@ -10,7 +10,7 @@ import numpy as np
 from ...core.compiled import njit
 from ...core.errors import unknown_name
 from ...core.types import Flow, Frame
-from ..pairs import check_pair
+from ..pair_network import check_pair
 from .pyramid import Image, enlarged, pyramid
 from .refine import refined
 from .search import Displacements, grid, in_search_area, inverse_search, search_area

@@ -14,13 +14,13 @@ from ...core.paths import user_path
 from ...core.plugins import require
 from ..catalog import published_names
 from ..conventions import InputConvention
-from ..devices import Execution
+from ..execution import Execution
 
 _SEED = ContextVar("seed of random weights", default=0)
 
 if TYPE_CHECKING:
     from .checkpoint import Checkpoint
-    from .model import NetworkModel
+    from .network_model import NetworkModel
 
 
 @contextmanager
@@ -56,7 +56,7 @@ def network_model(
     require("torch", f"model '{name}'")
     file = None if checkpoint == RANDOM else find_checkpoint(name, checkpoint, published, source)
     from .checkpoint import load_weights, read_checkpoint
-    from .model import ConfidentNetwork, NetworkModel
+    from .network_model import ConfidentNetwork, NetworkModel
 
     kind = ConfidentNetwork if confident else NetworkModel
     if file is None:

@@ -17,10 +17,11 @@ from torch import Tensor, nn
 
 from ...core.errors import ModelError, RobustFlowError, UsageError, class_and_message, first_line, unknown_name
 from ...core.types import Flow, Frame
-from ..base import Window
+from ..calls import traceback_hint
 from ..conventions import InputConvention
-from ..devices import Execution, traceback_hint
-from ..pairs import PairNetwork, check_pair
+from ..execution import Execution
+from ..pair_network import PairNetwork, check_pair
+from ..protocols import Window
 from .double import in_float64
 from .whole import differentiated
 

@@ -27,14 +27,14 @@ from typing import TYPE_CHECKING, Any, get_origin
 
 from ...core.arguments import check_count
 from ...core.errors import ModelError, UsageError, class_and_message, unknown_name
-from ..base import Window
 from ..conventions import RAFT_SMALLEST, InputConvention
-from ..devices import Execution, with_execution
-from ..torch.network import SOURCES, check_available, network_model
+from ..execution import Execution
+from ..protocols import Window
+from ..torch.build import SOURCES, check_available, network_model
 
 if TYPE_CHECKING:
     from ..torch.checkpoint import Checkpoint
-    from ..torch.model import NetworkModel, TorchClipModel
+    from ..torch.network_model import NetworkModel, TorchClipModel
     from .net import Reading
 
 
@@ -118,7 +118,6 @@ BATCHED = ("raft", "gma", "csflow", "skflow", "gmflownet", "craft", "flowformer_
 """Networks that process the pairs of a batch independently; FlowFormer's cost tokens attend to other pairs."""
 
 
-@with_execution
 def ptlflow_model(
     name: str,
     architecture: str,
@@ -126,7 +125,10 @@ def ptlflow_model(
     *,
     iterations: int | None = None,
     sha256: str | None = None,
-    execution: Execution,
+    device: str = "auto",
+    precision: str = "fp32",
+    compile: bool = False,
+    threads: int = 1,
 ) -> NetworkModel:
     """Build a two-frame model; its built-in tiling is off, even if a checkpoint enables it."""
 
@@ -136,6 +138,7 @@ def ptlflow_model(
         adapted = {"craft": CraftNet, "flowformer_pp": FlowFormerPlusPlusNet}
         return adapted[architecture](model) if architecture in adapted else PtlflowNet(model, architecture in BATCHED)
 
+    execution = Execution(device, precision, compile, threads)
     return ptlflow_network(name, architecture, wrap, checkpoint, iterations, sha256, execution)
 
 
@@ -258,7 +261,6 @@ CLIPS = {
 """Multi-frame networks, keyed by their names in ptlflow."""
 
 
-@with_execution
 def ptlflow_clip_model(
     name: str,
     architecture: str,
@@ -267,7 +269,10 @@ def ptlflow_clip_model(
     before: int | None = None,
     iterations: int | None = None,
     sha256: str | None = None,
-    execution: Execution,
+    device: str = "auto",
+    precision: str = "fp32",
+    compile: bool = False,
+    threads: int = 1,
 ) -> TorchClipModel:
     """Build a multi-frame ptlflow model, which does not keep state between clips."""
     clip = CLIPS[architecture]
@@ -284,21 +289,30 @@ def ptlflow_clip_model(
 
         return PtlflowClipNet(model, clip.reading, clip.least, clip.twice)
 
+    execution = Execution(device, precision, compile, threads)
     network = ptlflow_network(name, architecture, wrap, checkpoint, iterations, sha256, execution)
-    from ..torch.model import TorchClipModel, TorchStreamModel
+    from ..torch.network_model import TorchClipModel, TorchStreamModel
 
     return (TorchStreamModel if clip.streams else TorchClipModel)(network, window)
 
 
-def ptlflow_factory(name: str, architecture: str) -> Callable[..., Any]:
-    """A function that builds any ptlflow model, two-frame or multi-frame."""
+def ptlflow_loader(name: str, architecture: str) -> Callable[..., Any]:
+    """Return the function that loads a ptlflow model, two-frame or multi-frame, with its options."""
     return partial(ptlflow_clip_model if architecture in CLIPS else ptlflow_model, name, architecture)
 
 
-def __getattr__(name: str) -> Callable[..., Any]:
-    """Provide attributes such as `models.raft`, to which the model registry refers; the paper's run 12 iterations."""
-    if name in (*BATCHED, "flowformer"):
-        return partial(ptlflow_model, name, name, iterations=12)
-    if name not in CLIPS:
-        raise AttributeError(f"module '{__name__}' has no attribute '{name}'")
-    return ptlflow_factory(name, name)
+raft = partial(ptlflow_model, "raft", "raft", iterations=12)
+gma = partial(ptlflow_model, "gma", "gma", iterations=12)
+csflow = partial(ptlflow_model, "csflow", "csflow", iterations=12)
+skflow = partial(ptlflow_model, "skflow", "skflow", iterations=12)
+gmflownet = partial(ptlflow_model, "gmflownet", "gmflownet", iterations=12)
+craft = partial(ptlflow_model, "craft", "craft", iterations=12)
+flowformer = partial(ptlflow_model, "flowformer", "flowformer", iterations=12)
+flowformer_pp = partial(ptlflow_model, "flowformer_pp", "flowformer_pp", iterations=12)
+"""The paper's models, which run 12 iterations."""
+videoflow_bof = ptlflow_loader("videoflow_bof", "videoflow_bof")
+videoflow_mof = ptlflow_loader("videoflow_mof", "videoflow_mof")
+memflow = ptlflow_loader("memflow", "memflow")
+memflow_t = ptlflow_loader("memflow_t", "memflow_t")
+streamflow = ptlflow_loader("streamflow", "streamflow")
+memfof = ptlflow_loader("memfof", "memfof")

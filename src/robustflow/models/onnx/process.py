@@ -20,7 +20,7 @@ from ...core.processes import Child
 from ...core.types import Flow, Frame
 from ..conventions import MOST_THREADS, InputConvention, named_convention
 from ..model_file import require_file
-from ..pairs import PairNetwork
+from ..pair_network import PairNetwork
 
 _GIB = 2**30
 

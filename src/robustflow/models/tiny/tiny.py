@@ -8,7 +8,7 @@ identity records the runtime.
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import partial
 from importlib.resources import files
@@ -22,11 +22,11 @@ from safetensors import SafetensorError, safe_open
 from ...core.errors import AssetError, UsageError, unknown_name
 from ...core.plugins import install_command
 from ...core.types import Flow, Frame
-from ..base import AnyModel
 from ..conventions import InputConvention
-from ..devices import Execution, with_execution
-from ..pairs import check_pair
-from ..torch.network import network_model
+from ..execution import Execution
+from ..pair_network import check_pair
+from ..protocols import AnyModel
+from ..torch.build import network_model
 from . import layers
 from .layers import Maps, Weights
 
@@ -116,7 +116,7 @@ class NumpyTiny:
     """The small network in NumPy; satisfies `FlowModel`.
 
     >>> import numpy as np
-    >>> from robustflow.models.tiny.model import shipped_weights
+    >>> from robustflow.models.tiny.tiny import shipped_weights
     >>> frame = np.random.default_rng(0).integers(0, 255, (40, 70, 3)).astype(np.uint8)
     >>> NumpyTiny("tiny", shipped_weights("tiny")).predict(frame, frame).shape
     (40, 70, 2)
@@ -143,18 +143,21 @@ RUNTIMES = ("auto", "torch", "numpy")
 _CONVENTION = InputConvention(mean=(127.5, 127.5, 127.5), scale=2 / 255, fit="pad", multiple=layers.MULTIPLE)
 
 
-@with_execution
 def small_network(
     name: str,
     checkpoint: str | Path | None = None,
     *,
     runtime: str = "auto",
     sha256: str | None = None,
-    execution: Execution,
+    device: str = "auto",
+    precision: str = "fp32",
+    compile: bool = False,
+    threads: int = 1,
 ) -> AnyModel:
     """Build the small network."""
     if runtime not in RUNTIMES:
         raise unknown_name("runtime", str(runtime), RUNTIMES)
+    execution = Execution(device, precision, compile, threads)
     if runtime == "auto":
         runtime = "torch" if checkpoint is not None or find_spec("torch") is not None else "numpy"
     if runtime == "numpy":
@@ -169,7 +172,7 @@ def small_network(
 def _with_shipped_weights(name: str, execution: Execution) -> AnyModel:
     import torch
 
-    from ..torch.model import NetworkModel
+    from ..torch.network_model import NetworkModel
 
     weights, net = shipped_weights(name), _net()
     net.load_state_dict({key: torch.from_numpy(array.copy()) for key, array in weights.arrays.items()})
@@ -195,8 +198,6 @@ def _check_for_numpy(name: str, checkpoint: str | Path | None, execution: Execut
         )
 
 
-def __getattr__(name: str) -> Callable[..., AnyModel]:
-    """Provide attributes such as `tiny.tiny_all`, to which the model registry refers."""
-    if name not in SHIPPED:
-        raise AttributeError(f"module '{__name__}' has no attribute '{name}'")
-    return partial(small_network, name)
+tiny = partial(small_network, "tiny")
+tiny_no_weather = partial(small_network, "tiny_no_weather")
+tiny_all = partial(small_network, "tiny_all")
