@@ -8,11 +8,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robustflow.core.arguments import check_count, check_switch
 from robustflow.core.errors import ModelError, UsageError
 from robustflow.models import ModelRef, Window
 from robustflow.models.calls import predict_checked
-from robustflow.models.conventions import InputConvention
 from robustflow.models.devices import device_of, devices_of
 from robustflow.models.objects import FunctionModel
 from robustflow.models.protocols import model_identity, place_of_pair, window_of
@@ -63,40 +61,6 @@ def test_identity_of_a_model_is_converted_to_json(tmp_path):
     assert model_identity(SimpleNamespace(identity=lambda: said)) == converted
     for wrong in ("version 2", {"x": float("nan")}, {"x": {"y": [float("inf")]}}, {"x": {(1, 2): 3}}):
         refusal(lambda said=wrong: model_identity(SimpleNamespace(identity=lambda: said)), ModelError, "identity")
-
-
-COUNTS = [0, -1, 1.0, "3", None, True]
-
-
-@pytest.mark.parametrize("value", COUNTS)
-def test_value_that_is_not_a_count_or_a_boolean_is_refused(value):
-    refusal(lambda: check_count("iterations", value), UsageError, "iterations")
-    if value is not True:
-        refusal(lambda: check_switch("compile", value), UsageError, "compile")
-
-
-def test_a_count_may_begin_elsewhere_and_end():
-    check_count("levels", 0, least=0)
-    check_count("levels", 5, most=5)
-    for limits in ({"least": 2}, {"most": 0}):
-        refusal(lambda limits=limits: check_count("winsize", 1, **limits), UsageError, "winsize")
-
-
-@pytest.mark.parametrize("vertical", ["both", "bottom"])
-@pytest.mark.parametrize("multiple", [1, 8, 16, 32])
-def test_padding_is_up_to_the_next_multiple(vertical, multiple):
-    convention = InputConvention(fit="pad", multiple=multiple, vertical=vertical)
-    for height in range(1, 70, 3):
-        for width in range(1, 70, 4):
-            left, right, above, below = convention.padding_sides(height, width)
-            fitted = convention.fitted_size(height, width)
-            assert fitted == (height + above + below, width + left + right)
-            assert all(
-                fit % multiple == 0 and 0 <= fit - own < multiple
-                for fit, own in zip(fitted, (height, width), strict=True)
-            )
-            assert right - left in (0, 1)
-            assert (above == 0) if vertical == "bottom" else (below - above in (0, 1))
 
 
 def on(device):

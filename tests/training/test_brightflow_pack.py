@@ -174,37 +174,6 @@ def test_terms_and_gradients_of_a_step_equal_the_originals(given, case, number):
         assert (gradient - wanted).abs().max() <= GRADIENT * wanted.abs().max()
 
 
-def _alone(given: Given, pair: int) -> Given:
-
-    def only(value: Any) -> Any:
-        if isinstance(value, WholeFrames):
-            return WholeFrames(*map(only, vars(value).values()))
-        return tuple(map(only, value)) if isinstance(value, tuple) else value if value is None else value[pair:][:1]
-
-    arrays = {name: only(given.arrays[name]) for name in ("flow", "student", "teacher", "offsets", "offsets_augmented")}
-    return Given(given.cases, arrays, Batch(**{name: only(value) for name, value in vars(given.batch).items()}))
-
-
-@EACH_CASE
-def test_loss_of_a_batch_is_the_mean_of_its_pairs(given, case):
-    """Training in several processes, each with a share of the batch, makes the same updates as in one process. This is
-    only true until the self-supervision limit takes effect, because each process applies the limit to the mean of its
-    share.
-    """
-    arrays = {**given.arrays, **{name: given.arrays[name] / 4 for name in ("student", "teacher")}}
-    whole = Given(given.cases, arrays, given.batch)
-    number, count = max(map(int, CASES[case]["steps"])), len(given.batch.names)
-    shares = [_alone(whole, pair) for pair in range(count)]
-    together, *singly = (step(one, case, number, gradients=True) for one in (whole, *shares))
-    assert len(singly) == count > 1
-    assert all(0 < one.terms["self"] < objective.FARTHEST for one in singly)
-    for name, value in together.terms.items():
-        assert value == pytest.approx(sum(one.terms[name] for one in singly) / count, rel=1e-6), name
-    for name, gradient in together.gradients.items():
-        mean = torch.cat([one.gradients[name] for one in singly]) / count
-        assert (gradient - mean).abs().max() <= 1e-4 * gradient.abs().max(), name
-
-
 def test_corrector_gives_the_originals_offsets_and_gradients(given, shared):
     expected, made = given.cases["corrector"], weights(shared(PACK) / "keys.json")
     assert digest(made) == given.cases["digest"]

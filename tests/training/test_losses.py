@@ -104,23 +104,6 @@ def test_matching_equals_the_authors_code(seed):
     torch.testing.assert_close(leaf.grad, other.grad, rtol=1e-4, atol=1e-9)
 
 
-def test_matching_equals_the_naive_loop():
-    confidence, image1, image2, truth = random_features(9, pairs=1)
-    matches = true_matches(image1, image2, truth)[0]
-    right, wrong = [], []
-    for place in range(35):
-        for other in range(35):
-            sure = float(np.clip(confidence[0, place, other], 1e-6, 1 - 1e-6))
-            if matches[place] == other:
-                right.append(-np.log(sure))
-            else:
-                wrong.append(-np.log(1 - sure))
-    assert right
-    assert matching_loss(confidence, image1, image2, truth).item() == pytest.approx(
-        np.mean(right) + np.mean(wrong), rel=1e-5
-    )
-
-
 def test_matching_without_a_match_is_finite_and_a_wrong_size_is_refused():
     confidence, image1, image2, truth = random_features(2)
     assert matching_loss(confidence, image1, image2, truth + 1000).isfinite()

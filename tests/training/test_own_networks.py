@@ -134,8 +134,10 @@ def test_random_convolutions_of_methods_without_labels_are_he_normal_with_zero_b
 
 
 def test_random_weights_of_a_training_are_those_of_a_run():
+    before = torch.get_rng_state()
     plain = rf.load_model("raft_small", checkpoint="random", device="cpu").net.model.state_dict()
     _, network = load_network(load_recipe("raft_small", "chairs"), "random")
+    assert torch.equal(torch.get_rng_state(), before), "the global generator is not used"
     assert network.weights().keys() == plain.keys()
     assert all(torch.equal(plain[key], value) for key, value in network.weights().items())
 

@@ -1,5 +1,5 @@
-"""Training steps of RAFT and SAMFlow-T and losses of ARFlow agree with the original code, within the tolerances in the
-READMEs of the packs `training_*` in the shared data."""
+"""Training steps of RAFT and SAMFlow-T agree with the original code, within the tolerances in the READMEs of the packs
+`training_*` in the shared data."""
 
 import json
 from pathlib import Path
@@ -12,9 +12,6 @@ torch = pytest.importorskip("torch", reason="needs the torch extra")
 from robustflow.media.images import read_image  # noqa: E402
 from robustflow.training.data.loader import Batch  # noqa: E402
 from robustflow.training.losses.supervised import end_point_error  # noqa: E402
-from robustflow.training.losses.terms import seen_by_check, seen_by_splat  # noqa: E402
-from robustflow.training.losses.unsupervised import UnsupervisedLoss, unsupervised_loss  # noqa: E402
-from robustflow.training.network_with_loss import loss_of_batch  # noqa: E402
 from robustflow.training.networks import load_network  # noqa: E402
 from robustflow.training.optimization import one_cycle  # noqa: E402
 from robustflow.training.recipe import Recipe, load_recipe  # noqa: E402
@@ -26,7 +23,7 @@ from .pack_steps import NO_PACK, TrainingPack, steps  # noqa: E402
 pytestmark = [pytest.mark.training, pytest.mark.torch, pytest.mark.parity]
 
 
-RAFT, ARFLOW = "parity/training_raft", "parity/training_arflow"
+RAFT = "parity/training_raft"
 
 
 def image(path: Path) -> torch.Tensor:
@@ -89,61 +86,6 @@ def test_the_schedule_of_a_long_training_run_equals_the_originals(shared):
             assert abs(one_cycle(step, 1000 * thousands, highest) - rate) < 1e-9
 
 
-def test_loss_of_arflow_equals_the_originals(shared):
-    folder = shared(ARFLOW)
-    image1, image2 = (image(folder / f"frame_{number}.png")[None] / 255 for number in (1, 2))
-    with np.load(folder / "flows.npz") as file:
-        levels = [file[f"level{level}"] for level in range(len(file.files))]
-    arrays = np.load(folder / "expected.npz")
-    for case, expected in json.loads((folder / "expected.json").read_text()).items():
-        config = expected["config"]
-        wanted = UnsupervisedLoss(
-            l1=config["w_l1"],
-            ssim=config["w_ssim"],
-            census=config["w_ternary"],
-            levels=tuple(config["w_scales"]),
-            smooth=config["w_smooth"],
-            smooth_levels=tuple(config["w_sm_scales"]),
-            second_order=config["smooth_2nd"],
-            alpha=config["alpha"],
-            splat=config["occ_from_back"],
-            both=config["with_bk"],
-        )
-        flows = [torch.from_numpy(level).requires_grad_(True) for level in levels]
-        terms = unsupervised_loss([f[:, :2] for f in flows], [f[:, 2:] for f in flows], image1, image2, wanted)
-        terms.total.backward()
-        for value, key in (
-            (terms.total, "total"),
-            (terms.photometric, "photometric"),
-            (terms.smoothness, "smoothness"),
-            (terms.seen.mean(), "mask1_mean"),
-        ):
-            assert value.item() == pytest.approx(expected[key], rel=1e-5)
-        norms = [0.0 if flow.grad is None else flow.grad.norm().item() for flow in flows]
-        assert norms == pytest.approx(expected["grad_norm"], rel=1e-4, abs=1e-9)
-        gradient = arrays[f"{case}_grad0_stride4"]
-        assert flows[0].grad is not None
-        off = np.abs(flows[0].grad[:, :, ::4, ::4].numpy() - gradient).max()
-        assert off <= 1e-4 * np.abs(gradient).max()
-
-
-def test_occlusion_maps_of_arflow_equal_the_originals(shared):
-    folder = shared(ARFLOW)
-    with np.load(folder / "flows.npz") as file:
-        flow = torch.from_numpy(file["level0"])
-    forward, backward = flow[:, :2], flow[:, 2:]
-    with np.load(folder / "expected.npz") as arrays:
-        for key, seen in (
-            ("occluded_forward_backward", seen_by_check(forward, backward)),
-            ("occluded_splat", seen_by_splat(backward)),
-        ):
-            packed = arrays[key]
-            rows = packed.reshape(flow.shape[2], -1)
-            occluded = np.unpackbits(rows, axis=1)[:, : flow.shape[3]].astype(bool)
-            assert occluded.any()
-            assert ((seen[0, 0].numpy() == 0) != occluded).mean() <= 1e-4
-
-
 LOSS, NORM, GRADIENT, AFTER = (2e-6, 2e-5), (1e-4, 5e-4), 5e-3, 1e-5
 """Tolerances from the pack's README: for the loss and the gradient norm, relative, in the first step and in later ones;
 for a gradient, relative to its largest value; and for the final weights, absolute.
@@ -201,14 +143,3 @@ def test_steps_of_samflow_equal_the_originals(pack, recipe):
             assert np.abs(first.gradients[name].numpy() - wanted).max() <= GRADIENT * np.abs(wanted).max()
         elif kind == "after":
             np.testing.assert_allclose(network.weights()[name], wanted, atol=AFTER)
-
-
-def test_pairs_of_one_batch_do_not_affect_each_other(pack, recipe):
-    """The original code uses one pair per process; with more, contexts would be mixed as in FlowFormer."""
-    network, batch = pack.network(recipe), pack.batch()
-    with torch.no_grad():
-        together, *singly = (
-            loss_of_batch(network, one, recipe)[0].item()
-            for one in (batch, *(alone(batch, number) for number in range(len(batch.names))))
-        )
-    assert together == pytest.approx(np.mean(singly), rel=LOSS[1])

@@ -13,9 +13,7 @@ from robustflow import load_model
 from robustflow.core.errors import ModelError, UsageError
 from robustflow.models.conventions import InputConvention
 from robustflow.models.execution import Execution
-from robustflow.models.networks.arflow import ARFlow
 from robustflow.models.networks.brightflow import BrightFlow
-from robustflow.models.networks.upflow import UPFlow
 from robustflow.models.torch.network_model import NetworkModel, resize, resize_flow
 
 from ...refusals import refusal
@@ -165,37 +163,30 @@ def test_identity_names_what_changes_the_numbers():
     }
 
 
-def seeded(build):
+CONVENTION = InputConvention(mean=(127.5,) * 3, scale=2 / 255, fit="pad", multiple=8)
+
+
+def seeded_brightflow():
     """A network whose flow depends on its images: PyTorch's initial weights with a fixed seed, scaled up."""
     torch.manual_seed(0)
-    net = build()
+    net = BrightFlow(4)
     with torch.no_grad():
         for value in net.parameters():
             value.mul_(1.5 if value.ndim > 1 else 1.0)
     return net
 
 
-NETS = {
-    "arflow": (ARFlow, InputConvention(fit="stretch", multiple=64)),
-    "upflow": (UPFlow, InputConvention(mean=(105.0, 110.0, 115.0), scale=0.0039216)),
-    "brightflow": (lambda: BrightFlow(4), InputConvention(mean=(127.5,) * 3, scale=2 / 255, fit="pad", multiple=8)),
-}
-
-
 def test_flow_on_the_cpu_does_not_depend_on_the_batch():
-    build, convention = NETS["brightflow"]
-    model = network("brightflow", seeded(build), convention, {}, device="cpu")
+    model = network("brightflow", seeded_brightflow(), CONVENTION, {}, device="cpu")
     pairs = [textured_pair(100, 130, seed) for seed in range(3)]
     for flow, pair in zip(model.predict_batch(*zip(*pairs, strict=True)), pairs, strict=True):
         np.testing.assert_array_equal(flow, model.predict(*pair))
 
 
-@pytest.mark.parametrize("name", NETS)
-def test_bf16_flow_is_close_to_but_different_from_fp32(name):
-    build, convention = NETS[name]
-    net = seeded(build)
+def test_bf16_flow_is_close_to_but_different_from_fp32():
+    net = seeded_brightflow()
     full, half = (
-        network(name, net, convention, {}, device="cpu", precision=precision).predict(*textured_pair(100, 130))
+        network("net", net, CONVENTION, {}, device="cpu", precision=precision).predict(*textured_pair(100, 130))
         for precision in ("fp32", "bf16")
     )
     difference = np.abs(full - half).mean()
@@ -205,20 +196,15 @@ def test_bf16_flow_is_close_to_but_different_from_fp32(name):
 
 @pytest.mark.slow
 def test_a_compiled_network_gives_the_same_flow():
-    build, convention = NETS["arflow"]
     pair = textured_pair(100, 130)
     plain, compiled = (
-        network("arflow", seeded(build), convention, {}, device="cpu", compile=compiled) for compiled in (False, True)
+        network("net", seeded_brightflow(), CONVENTION, {}, device="cpu", compile=compiled)
+        for compiled in (False, True)
     )
     flow = compiled.predict(*pair)
     assert np.abs(flow - plain.predict(*pair)).max() <= 1e-3
     assert torch._dynamo.utils.counters["stats"]["unique_graphs"] > 0, "nothing was compiled"
     assert compiled.identity()["compile"] is True
-
-
-def test_a_frame_too_small_for_upflow_says_so():
-    model = network("upflow", UPFlow(), InputConvention(), {}, device="cpu")
-    refusal(lambda: model.predict(*noise_pair(40, 64)), ModelError, "40x64")
 
 
 def precisions():
