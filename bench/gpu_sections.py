@@ -238,9 +238,9 @@ def _steps(bench: Bench, method: str, precision: str) -> tuple[dict[str, Any], b
 
     from robustflow.training.data.loader import Batch, WholeFrames
     from robustflow.training.network_with_loss import NetworkWithLoss
-    from robustflow.training.networks import load_network
     from robustflow.training.optimization import build_optimizer
     from robustflow.training.recipe import load_recipe, recipes_of
+    from robustflow.training.trained_network import load_network
     from robustflow.training.unsupervised.methods import TrainingStep
 
     crop, batch = ((128, 192), 2) if bench.quick else ((320, 448), 2)

@@ -18,8 +18,8 @@ from scipy.optimize import nnls
 
 from robustflow.training.data.loader import Batch
 from robustflow.training.network_with_loss import loss_of_batch
-from robustflow.training.networks import load_network
 from robustflow.training.recipe import load_recipe, recipes_of, trained_methods
+from robustflow.training.trained_network import load_network
 
 CROPS, ITERATIONS = ((224, 224), (224, 336)), (1, 3)
 """Crops that are divisible into windows of 7 pixels at 1/8 resolution, so that no padding is counted."""

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from robustflow.training.plan import TABLE
+from robustflow.training.plan_text import TABLE
 
 ROOT = Path(__file__).resolve().parent.parent
 BENCH = ROOT / "bench"

@@ -10,7 +10,7 @@ from typer.main import get_command
 from robustflow.cli.main import app
 from robustflow.core.errors import UsageError
 from robustflow.data.datasets import dataset_facts
-from robustflow.training.plan import plan_text
+from robustflow.training.plan_text import plan_text
 from robustflow.training.recipe import load_recipe
 from robustflow.training.request import DataPlan
 from tests.data.datasets import layouts

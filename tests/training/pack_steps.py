@@ -21,9 +21,9 @@ from torch import Tensor, nn
 from robustflow.media.images import read_image
 from robustflow.training import network_with_loss
 from robustflow.training.data.loader import Batch
-from robustflow.training.networks import TrainedNetwork, learning_parameters, load_network
 from robustflow.training.optimization import build_optimizer, rate_of, set_rate
 from robustflow.training.recipe import Recipe
+from robustflow.training.trained_network import TrainedNetwork, learning_parameters, load_network
 
 from ..parity.weight_rule import digest, weights
 from ..shared_data import shared_root

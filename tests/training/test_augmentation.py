@@ -23,8 +23,8 @@ from robustflow.training.augmentation.geometry import (
     warp_sparse,
 )
 from robustflow.training.augmentation.jitter import DENSE, OPERATIONS, SPARSE, Jitter, apply_jitter, draw_jitter
-from robustflow.training.data.find import OpenPart, Order
-from robustflow.training.data.pairs import TrainingPairs
+from robustflow.training.data.parts import OpenPart, Order
+from robustflow.training.data.training_pairs import TrainingPairs
 from robustflow.training.recipe import Part
 
 pytestmark = pytest.mark.training

@@ -17,9 +17,9 @@ from torch import Tensor  # noqa: E402
 
 from robustflow.models.networks.loaders import NETWORKS  # noqa: E402
 from robustflow.training.data.loader import Batch, WholeFrames  # noqa: E402
-from robustflow.training.networks import Corrector  # noqa: E402
 from robustflow.training.optimization import SCHEDULES  # noqa: E402
 from robustflow.training.recipe import Recipe, load_recipe  # noqa: E402
+from robustflow.training.trained_network import Corrector  # noqa: E402
 from robustflow.training.unsupervised import brightflow as objective  # noqa: E402
 from robustflow.training.unsupervised.methods import TrainingStep  # noqa: E402
 

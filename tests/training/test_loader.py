@@ -18,9 +18,9 @@ torch = pytest.importorskip("torch", reason="needs the torch extra")
 pytest.importorskip("torchvision", reason="needs the torch extra")
 
 from robustflow.core.errors import DataError, RunError, UsageError  # noqa: E402
-from robustflow.training.data.find import Order, open_part  # noqa: E402
 from robustflow.training.data.loader import Share, batches  # noqa: E402
-from robustflow.training.data.pairs import TrainingPairs  # noqa: E402
+from robustflow.training.data.parts import Order, open_part  # noqa: E402
+from robustflow.training.data.training_pairs import TrainingPairs  # noqa: E402
 from robustflow.training.recipe import mix_parts  # noqa: E402
 from robustflow.training.request import Checkpoints  # noqa: E402
 from robustflow.training.session import run_training  # noqa: E402

@@ -29,11 +29,11 @@ from robustflow.models.torch.network_model import TorchvisionRaft  # noqa: E402
 from robustflow.run.plan import name_model  # noqa: E402
 from robustflow.training import session  # noqa: E402
 from robustflow.training.checkpoint import read_progress  # noqa: E402
-from robustflow.training.networks import load_network  # noqa: E402
 from robustflow.training.processes import this_process  # noqa: E402
 from robustflow.training.recipe import load_recipe  # noqa: E402
 from robustflow.training.request import Checkpoints, Validation  # noqa: E402
 from robustflow.training.session import run_training  # noqa: E402
+from robustflow.training.trained_network import load_network  # noqa: E402
 from robustflow.training.validate import ValidationScores  # noqa: E402
 
 from ..models.textures import textured_pair  # noqa: E402

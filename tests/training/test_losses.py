@@ -57,7 +57,7 @@ def test_schedule_equals_one_cycle_of_pytorch():
 
 
 def test_shares_of_a_batch_are_normalised_separately_and_the_first_updates_the_statistics():
-    from robustflow.training.networks import group_batchnorm
+    from robustflow.training.trained_network import group_batchnorm
 
     inputs = torch.randn(6, 4, 5, 5, generator=torch.Generator().manual_seed(3)) * 3 + 1
     plain, parted = torch.nn.BatchNorm2d(4), torch.nn.Sequential(torch.nn.BatchNorm2d(4))

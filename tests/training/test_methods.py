@@ -9,10 +9,10 @@ import pytest
 
 torch = pytest.importorskip("torch", reason="needs the torch extra")
 
-from robustflow.training.networks import load_network  # noqa: E402
 from robustflow.training.recipe import Recipe, load_recipe, recipes_of, trained_methods  # noqa: E402
 from robustflow.training.request import DataPlan, Request  # noqa: E402
 from robustflow.training.session import run_training  # noqa: E402
+from robustflow.training.trained_network import load_network  # noqa: E402
 
 from .progress import lines, train_in_two_processes  # noqa: E402
 

@@ -9,10 +9,10 @@ pytest.importorskip("torchvision", reason="needs the torch extra")
 
 import robustflow as rf  # noqa: E402
 from robustflow.core.errors import ModelError, UsageError  # noqa: E402
-from robustflow.training.networks import load_network  # noqa: E402
 from robustflow.training.recipe import load_recipe, recipes_of  # noqa: E402
 from robustflow.training.request import Validation  # noqa: E402
 from robustflow.training.session import run_training  # noqa: E402
+from robustflow.training.trained_network import load_network  # noqa: E402
 
 from ..refusals import refusal  # noqa: E402
 from .progress import lines, weights  # noqa: E402

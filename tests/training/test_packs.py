@@ -12,9 +12,9 @@ torch = pytest.importorskip("torch", reason="needs the torch extra")
 from robustflow.media.images import read_image  # noqa: E402
 from robustflow.training.data.loader import Batch  # noqa: E402
 from robustflow.training.losses.supervised import end_point_error  # noqa: E402
-from robustflow.training.networks import load_network  # noqa: E402
 from robustflow.training.optimization import one_cycle  # noqa: E402
 from robustflow.training.recipe import Recipe, load_recipe  # noqa: E402
+from robustflow.training.trained_network import load_network  # noqa: E402
 
 from ..parity.weight_rule import weights  # noqa: E402
 from ..shared_data import shared_folder, shared_root  # noqa: E402

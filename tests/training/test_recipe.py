@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 
 from robustflow.core.errors import UsageError
 from robustflow.models.registered import MODELS
-from robustflow.training.data.find import Order
-from robustflow.training.plan import expected_memory, plan_text
+from robustflow.training.data.parts import Order
+from robustflow.training.plan_text import expected_memory, plan_text
 from robustflow.training.recipe import load_recipe, mix_parts, recipes_of, trained_methods
 from robustflow.training.request import DataPlan
 
@@ -238,7 +238,7 @@ def test_memory_of_a_different_crop_is_estimated():
     torch = pytest.importorskip("torch", reason="needs the torch extra")
     pytest.importorskip("torchvision", reason="needs the torch extra")
     from robustflow.training.losses.supervised import sequence_loss
-    from robustflow.training.networks import load_network
+    from robustflow.training.trained_network import load_network
 
     recipe = load_recipe("raft_small", "things").changed(crop=(160, 224), batch=2, iterations=2, devices=1)
     _, network = load_network(recipe, "random")

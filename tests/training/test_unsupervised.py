@@ -11,11 +11,11 @@ torch = pytest.importorskip("torch", reason="needs the torch extra")
 
 from robustflow.core.errors import UsageError  # noqa: E402
 from robustflow.models import load_model  # noqa: E402
-from robustflow.training.networks import load_network  # noqa: E402
-from robustflow.training.plan import plan_text  # noqa: E402
+from robustflow.training.plan_text import plan_text  # noqa: E402
 from robustflow.training.recipe import Recipe, load_recipe  # noqa: E402
 from robustflow.training.request import DataPlan, Request  # noqa: E402
 from robustflow.training.session import run_training  # noqa: E402
+from robustflow.training.trained_network import load_network  # noqa: E402
 
 from ..refusals import refusal  # noqa: E402
 from .progress import assert_same_training, lines, weights  # noqa: E402

@@ -7,8 +7,8 @@ from scipy import ndimage, stats
 
 from robustflow.core.rng import Rng
 from robustflow.training.augmentation.augment import apply_look, augmented_whole, draw_augmentation, draw_look
-from robustflow.training.data.find import Order, open_part
-from robustflow.training.data.pairs import TrainingPairs
+from robustflow.training.data.parts import Order, open_part
+from robustflow.training.data.training_pairs import TrainingPairs
 from robustflow.training.recipe import Appearance, Objective, Part, Spatial, load_recipe
 
 torch = pytest.importorskip("torch", reason="needs the torch extra")

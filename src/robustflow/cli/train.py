@@ -74,7 +74,7 @@ def train(
         refuse_unused(context, {"corrupt_probability"}, "without --corrupt")
     require("torch", "training")
     from ..corruptions.registry import IMAGE_PAIR, with_families
-    from ..training.data.find import needs_data
+    from ..training.data.parts import needs_data
     from ..training.recipe import is_own, load_recipe, takes_iterations
     from ..training.request import Checkpoints, DataPlan, Request, Validation
 
@@ -99,7 +99,7 @@ def train(
     corrupted = with_families(names(corrupt) or [], IMAGE_PAIR)
     reading = DataPlan(data or [], corrupted, corrupt_probability, skip_bad, loaders)
     if plan:
-        from ..training.plan import plan_text
+        from ..training.plan_text import plan_text
 
         echo(plan_text(chosen, reading, original))
         return

@@ -29,14 +29,14 @@ from ..core.rng import key_of
 from ..models.calls import traceback_hint
 from .checkpoint import BEST, LAST, TrainingProgress, save_training, save_weights
 from .data.loader import Batch, Share, batches
-from .data.pairs import TrainingPairs
+from .data.training_pairs import TrainingPairs
 from .draws import prepared
 from .network_with_loss import NetworkWithLoss
-from .networks import TrainedNetwork, learning_parameters
 from .optimization import rate_of, set_rate
 from .processes import Process
 from .recipe import Recipe
 from .request import Request
+from .trained_network import TrainedNetwork, learning_parameters
 from .unsupervised.methods import TrainingStep
 from .validate import ValidationScores
 

@@ -10,8 +10,8 @@ from torch import Tensor, nn
 from ..core.errors import UsageError
 from .data.loader import Batch
 from .losses.supervised import MATCHING_WEIGHT, end_point_error, matching_loss, sequence_loss
-from .networks import TrainedNetwork, mixed_precision
 from .recipe import ArflowObjective, BrightflowObjective, Recipe, UpflowObjective
+from .trained_network import TrainedNetwork, mixed_precision
 from .unsupervised.brightflow import Brightflow
 from .unsupervised.methods import Arflow, LabelFree, TrainingStep, Upflow
 

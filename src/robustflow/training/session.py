@@ -18,14 +18,14 @@ from ..data.datasets import dataset_facts
 from ..models.provenance import TRAINING_SETS, training_of
 from ..models.torch.build import RANDOM
 from .checkpoint import LAST, TrainingProgress, read_progress
-from .data.find import OpenPart, Order, open_part
-from .data.pairs import TrainingPairs
+from .data.parts import OpenPart, Order, open_part
+from .data.training_pairs import TrainingPairs
 from .loop import TrainingSetup, TrainingState, train
-from .networks import TrainedNetwork, load_network
 from .optimization import build_optimizer
 from .processes import Process, this_process
 from .recipe import Recipe, mix_parts
 from .request import Request
+from .trained_network import TrainedNetwork, load_network
 from .validate import validator
 
 

@@ -14,7 +14,7 @@ import torch
 from torch import Tensor
 
 from ...core.processes import STOP_SIGNALS, Child
-from .pairs import TrainingPair, TrainingPairs, Whole
+from .training_pairs import TrainingPair, TrainingPairs, Whole
 
 _AHEAD = 4
 """Number of batches that each child prepares in advance."""

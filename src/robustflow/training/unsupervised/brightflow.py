@@ -21,8 +21,8 @@ from ..losses.unsupervised import (
     visibility,
     with_offsets,
 )
-from ..networks import TrainedNetwork
 from ..recipe import BrightflowObjective, Recipe
+from ..trained_network import TrainedNetwork
 from .methods import LabelFree, TrainingStep
 
 FARTHEST = 100.0

@@ -20,8 +20,8 @@ from ..data.loader import Batch
 from ..draws import with_noise
 from ..losses.terms import dilated_warp
 from ..losses.unsupervised import OneWay, UnsupervisedLoss, unsupervised_loss, upflow_terms
-from ..networks import TrainedNetwork, mixed_precision
 from ..recipe import ArflowObjective, Recipe, UpflowObjective
+from ..trained_network import TrainedNetwork, mixed_precision
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ from typing import Any
 
 from ..core.errors import RobustFlowError, UsageError
 from ..data.datasets import dataset_facts
-from .data.find import OpenPart, Order, open_part
+from .data.parts import OpenPart, Order, open_part
 from .recipe import Part, Recipe, mix_parts
 from .request import DataPlan
 

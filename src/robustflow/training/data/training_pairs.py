@@ -29,7 +29,7 @@ from ..augmentation.augment import (
 )
 from ..augmentation.geometry import without_border
 from ..recipe import ArflowObjective, BrightflowObjective, Objective
-from .find import OpenPart, Order
+from .parts import OpenPart, Order
 
 _LONGEST = 1000.0
 """Limit of a flow component in pixels; dense ground truth at or above it is invalid (RAFT)."""
