@@ -36,7 +36,7 @@ def test_the_list_of_models_says_what_their_checkpoints_have_seen(robustflow):
     assert lines["tiny"].endswith("shipped OOD")
     assert "things288960 OOD" in lines["flowformer_pp"]
     assert "splatflow (cupy, for CUDA)" in out
-    for name in ("precomputed", *("onnx",)):
+    for name in ("precomputed", "onnx"):
         assert re.search(r"^\w+ +any +your files +(yes|needs \[\w+\]) +a.* UNKNOWN$", lines[name])
     assert lines["memfof"].endswith("kitti LEAKED, sintel LEAKED, spring LEAKED, tartan OOD, things OOD, tskh LEAKED")
 

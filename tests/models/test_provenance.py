@@ -19,7 +19,7 @@ from robustflow.testing import BrightnessFlow
 
 
 def test_catalog_lists_exactly_the_models_of_this_package():
-    of_any_method = {"precomputed", *("onnx",)}  # regardless of the file's contents
+    of_any_method = {"precomputed", "onnx"}  # regardless of the file's contents
     assert set(methods()) == set(MODELS.names()) - of_any_method
 
 

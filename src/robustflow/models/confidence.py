@@ -62,8 +62,8 @@ def with_spread(flows: Sequence[Flow]) -> Answer:
     >>> with_spread([flow, flow + np.float32([6, 8])])[0, 0].tolist()
     [0.0, 0.0, 7.071067810058594]
     """
-    each = np.stack(flows).astype(np.float64)
-    away = ((each - each.mean(axis=0)) ** 2).sum(axis=(0, 3))
+    draws = np.stack(flows).astype(np.float64)
+    away = ((draws - draws.mean(axis=0)) ** 2).sum(axis=(0, 3))
     spread = np.sqrt(away / (len(flows) - 1)).astype(np.float32)
     return np.concatenate([flows[0], spread[..., None]], axis=2)
 

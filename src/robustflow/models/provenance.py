@@ -98,11 +98,13 @@ def parse_training_sets(text: str) -> tuple[str, ...]:
     for part in re.split(r"[+>,\s]+", str(text).strip()):
         certain = part.removesuffix("?")
         name, colon, which = certain.partition(":")
-        known = TRAINING_SETS.get(name.upper(), name.lower())
-        if known not in TRAINING_SETS.values():
+        training_set = TRAINING_SETS.get(name.upper(), name.lower())
+        if training_set not in TRAINING_SETS.values():
             raise unknown_name("training set", name, [*TRAINING_SETS.values(), *TRAINING_SETS])
-        parts = PARTS.get(known, ("train",))
+        parts = PARTS.get(training_set, ("train",))
         if colon and which not in parts:
-            raise UsageError(part, f"unknown part of a training set; the parts of {known} are {', '.join(parts)}")
-        sets.append(known + colon + which + part[len(certain) :])
+            raise UsageError(
+                part, f"unknown part of a training set; the parts of {training_set} are {', '.join(parts)}"
+            )
+        sets.append(training_set + colon + which + part[len(certain) :])
     return tuple(dict.fromkeys(sets))

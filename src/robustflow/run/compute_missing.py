@@ -28,7 +28,7 @@ from ..data.benchmarks.facts import moving_name
 from ..data.datasets.base import OWN_FRAMES, Depths, FromClips, PreCorrupted
 from ..metrics.photometric import Misread, Reading
 from ..metrics.rows import CLEAN
-from ..models.base import FlowLookup
+from ..models.protocols import FlowLookup
 from ..models.provenance import UNDECLARED
 from .cells import merged_levels, union
 from .computation import OF_TRUTH, FinishedUnit

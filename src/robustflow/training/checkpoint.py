@@ -124,7 +124,9 @@ def _refuse_views(content: Any, size: int) -> None:
     """Raise if the tensors are larger than their file: a view of a few values can have any shape, and copying it would
     allocate memory for its full size. A module that a network registers under several names is stored once, and
     counts once."""
-    views = {(one.data_ptr(), one.dtype, one.shape, one.stride()): one.nbytes for one in _tensors(content)}
+    views = {
+        (tensor.data_ptr(), tensor.dtype, tensor.shape, tensor.stride()): tensor.nbytes for tensor in _tensors(content)
+    }
     if sum(views.values()) > size:
         raise ValueError("its tensors are larger than the file")
 

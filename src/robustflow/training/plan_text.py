@@ -63,11 +63,13 @@ def plan_text(recipe: Recipe, data: DataPlan, original: Recipe | None = None) ->
             missing.append(f"  missing  {_title(part)}: {error}")
     places = sum(map(len, available))
     lines.append("data:")
-    for one in available:
-        share = f", {100 * len(one) / places:.1f} % of an epoch" if not missing else ""
-        applied = _values(one.part.model_dump(exclude={"data", "options", "keys", "times"}))
+    for opened in available:
+        share = f", {100 * len(opened) / places:.1f} % of an epoch" if not missing else ""
+        applied = _values(opened.part.model_dump(exclude={"data", "options", "keys", "times"}))
         augmentation = "; ".join(f"{name} {value}" for name, value in applied)
-        lines.append(f"  found    {_title(one.part)}: {len(one.keys)} pairs x {one.part.times}{share}; {augmentation}")
+        lines.append(
+            f"  found    {_title(opened.part)}: {len(opened.keys)} pairs x {opened.part.times}{share}; {augmentation}"
+        )
     lines += missing
     for name, remarks in (("not verified", recipe.unverified), ("paper, original and this recipe", recipe.differs)):
         if remarks:

@@ -105,11 +105,11 @@ def test_tiles_of_the_authors_size_are_the_default_of_samflow(load):
 
 @pytest.mark.torch
 def test_the_place_of_a_checkpoint_is_not_part_of_a_runs_identity(checkpoint):
-    specs = [ModelRef.parse("upflow", (("checkpoint", str(checkpoint("upflow", folder))),)) for folder in ("a", "b")]
-    one, other = (spec.identity(spec.load()) for spec in specs)
+    refs = [ModelRef.parse("upflow", {"checkpoint": str(checkpoint("upflow", folder))}) for folder in ("a", "b")]
+    one, other = (ref.identity(ref.load()) for ref in refs)
     assert one == other
-    spec = ModelRef.parse("upflow", (*specs[0].options, ("mask_threshold", 1.0)))
-    assert spec.identity(spec.load()) != one
+    changed = refs[0].with_options({"mask_threshold": 1.0})
+    assert changed.identity(changed.load()) != one
 
 
 @pytest.mark.torch

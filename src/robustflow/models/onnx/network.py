@@ -178,7 +178,7 @@ def _fits(layout: str, shapes: Sequence[tuple[int | None, ...] | None]) -> bool:
         shape is None
         or (
             len(shape) == len(sides) + 3
-            and all(one in (None, side) for one, side in zip(shape[1:], sides, strict=False))
+            and all(declared in (None, side) for declared, side in zip(shape[1:], sides, strict=False))
         )
         for shape in shapes
     )
@@ -195,15 +195,15 @@ def _batch_and_size(path: Path, inputs: _Inputs) -> tuple[bool, tuple[int | None
     return not batches and bool(shapes), (next(iter(heights), None), next(iter(widths), None))
 
 
-def _chosen_inputs(path: Path, known: list[str], names: str | None) -> list[int]:
+def _chosen_inputs(path: Path, inputs: list[str], names: str | None) -> list[int]:
     """Return the positions of the inputs in the order of the frames."""
-    wanted = known if names is None else [name.strip() for name in str(names).split(",")]
+    wanted = inputs if names is None else [name.strip() for name in str(names).split(",")]
     for name in wanted:
-        if name not in known:
-            raise unknown_name("input of the network", name, known)
-    if sorted(wanted) != sorted(known):
-        raise ModelError(path, f"its inputs are {', '.join(known)[:300]}, but only {', '.join(wanted)} would be used")
-    return [known.index(name) for name in wanted]
+        if name not in inputs:
+            raise unknown_name("input of the network", name, inputs)
+    if sorted(wanted) != sorted(inputs):
+        raise ModelError(path, f"its inputs are {', '.join(inputs)[:300]}, but only {', '.join(wanted)} would be used")
+    return [inputs.index(name) for name in wanted]
 
 
 def _refuse_lost_frame(path: Path, model: Any, inputs: list[str]) -> None:

@@ -55,7 +55,7 @@ class Tiny(nn.Module):
             flow = flow + self.flow(hidden)
             flows.append(flow)
         fine = convex_upsample(flow, self.mask(hidden), FINEST)
-        return [*(resize_flow(one, size) for one in flows), fine]
+        return [*(resize_flow(flow, size) for flow in flows), fine]
 
 
 def _normalised(features: Tensor) -> Tensor:

@@ -62,8 +62,8 @@ def network_model(
     if file is None:
         seed = {"seed_of_weights": _SEED.get()} if _SEED.get() else {}
         return kind(name, _seeded(build), convention, {"checkpoint": RANDOM, **seed, **settings}, execution)
-    path, known = file
-    read = read_checkpoint(path, sha256 or known)
+    path, stated_sha256 = file
+    read = read_checkpoint(path, sha256 or stated_sha256)
     net = build()
     if adapt is not None:
         settings |= adapt(net, read)

@@ -118,7 +118,7 @@ class NetworkModel(PairNetwork):
     @cached_property
     def in_float64(self) -> NetworkModel | None:
         """The network in float64, for `differentiable`; None on an accelerator, and for very large networks."""
-        if self.device.type != "cpu" or sum(each.numel() for each in self.net.parameters()) > _MOST_IN_FLOAT64:
+        if self.device.type != "cpu" or sum(weight.numel() for weight in self.net.parameters()) > _MOST_IN_FLOAT64:
             return None
         model, net = copy.copy(self), copy.deepcopy(self.net).double()
         model.net, model._call = net, in_float64(net)

@@ -104,7 +104,9 @@ class TorchModel(NetworkModel):
         self._class = type(net).__name__
         module = _copied(net, kind)
         weights, trained = _loaded(module, checkpoint, sha256, self._class)
-        self.frozen = frozenset(f"module.{name}" for name, one in module.named_parameters() if not one.requires_grad)
+        self.frozen = frozenset(
+            f"module.{name}" for name, parameter in module.named_parameters() if not parameter.requires_grad
+        )
         """Names of the parameters that the module excludes from training."""
         self.trained_on = trained_on or trained
         """The training sets, as abbreviated in the literature; None if they are not declared."""
@@ -183,7 +185,7 @@ class ModuleNet(nn.Module):
             chosen_output(returned, self.output)  # raises an error for an output that is not a flow
             returned = _named_output(returned, self.output)[1]
         several = returned if isinstance(returned, list | tuple) and returned else [returned]
-        return [_as_flow(chosen_output(one, None), image1) for one in several]
+        return [_as_flow(chosen_output(output, None), image1) for output in several]
 
     def _flow(self, image1: Tensor, image2: Tensor) -> Tensor:
         return _as_flow(chosen_output(self._returned(image1, image2), self.output), image1)
@@ -230,9 +232,9 @@ def chosen_output(returned: Any, output: Any) -> Tensor:
     while isinstance(flow, list | tuple) and flow:
         flow = flow[-1]
     if not isinstance(flow, Tensor):
-        known = ", ".join(_outputs_of(returned))[:200] or "none"
+        outputs = ", ".join(_outputs_of(returned))[:200] or "none"
         raise ModelError(
-            f"output={name}", f"it is {type(flow).__name__}, not a tensor; the network's outputs are {known}"
+            f"output={name}", f"it is {type(flow).__name__}, not a tensor; the network's outputs are {outputs}"
         )
     return flow
 
@@ -245,8 +247,8 @@ def _named_output(returned: Any, output: Any) -> tuple[str, Any]:
         return (names[-1], outputs[names[-1]]) if names else ("", None)
     name = names[output] if isinstance(output, int) and -len(names) <= output < 0 else str(output)
     if name not in outputs:
-        known = ", ".join(names)[:200] or "none"
-        raise UsageError(f"output={name}", f"the network has no such output; choose from {known}")
+        choice = ", ".join(names)[:200] or "none"
+        raise UsageError(f"output={name}", f"the network has no such output; choose from {choice}")
     return name, outputs[name]
 
 

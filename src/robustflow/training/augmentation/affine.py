@@ -65,9 +65,9 @@ def moved(maps: Tensor, moves: list[Matrix]) -> Tensor:
 def moved_flow(flow: Tensor, moves: list[Moves]) -> Tensor:
     """Return the flow between the transformed frames, (N, 2, H, W), in pixels."""
     start = pixel_grid(flow)
-    first, second = _tensor([one.first for one in moves], flow), _tensor([one.second for one in moves], flow)
+    first, second = _tensor([move.first for move in moves], flow), _tensor([move.second for move in moves], flow)
     turned = _applied(second, start + flow) - _applied(first, start)
-    return moved(turned, [one.first for one in moves])
+    return moved(turned, [move.first for move in moves])
 
 
 def _inside(

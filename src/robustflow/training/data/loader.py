@@ -80,9 +80,9 @@ class Share:
 
     def positions(self, step: int) -> list[int]:
         """Return the positions of this process's pairs in a step."""
-        each = self.batch // self.world
-        first = step * self.batch + self.rank * each
-        return list(range(first, first + each))
+        share = self.batch // self.world
+        first = step * self.batch + self.rank * share
+        return list(range(first, first + share))
 
 
 def batches(pairs: TrainingPairs, share: Share, steps: range, loaders: int) -> Generator[Batch, None, None]:
@@ -136,15 +136,15 @@ def _collated(pairs: Sequence[TrainingPair]) -> Batch:
 def _stacked_whole_frames(frames: Sequence[Whole]) -> WholeFrames | None:
     if not frames:
         return None
-    sizes = [one.frame1.shape[1:] for one in frames]
+    sizes = [whole.frame1.shape[1:] for whole in frames]
     height, width = (max(sides) for sides in zip(*sizes, strict=True))
     images = torch.zeros(2, len(frames), 3, height, width)
-    for number, (one, (rows, columns)) in enumerate(zip(frames, sizes, strict=True)):
-        images[0, number, :, :rows, :columns] = torch.from_numpy(one.frame1)
-        images[1, number, :, :rows, :columns] = torch.from_numpy(one.frame2)
+    for number, (whole, (rows, columns)) in enumerate(zip(frames, sizes, strict=True)):
+        images[0, number, :, :rows, :columns] = torch.from_numpy(whole.frame1)
+        images[1, number, :, :rows, :columns] = torch.from_numpy(whole.frame2)
     return WholeFrames(
         images[0],
         images[1],
-        torch.tensor([one.corner for one in frames], dtype=torch.float32),
+        torch.tensor([whole.corner for whole in frames], dtype=torch.float32),
         torch.tensor([(columns, rows) for rows, columns in sizes], dtype=torch.float32),
     )

@@ -140,7 +140,7 @@ def distillation(way: OneWay, exponent: float = 0.4) -> Tensor:
     height, width = way.flow.shape[2:]
     teacher, count = way.flow.detach(), way.seen.sum() + 1e-6
     far = [robust(resize_flow(level, (height, width)) - teacher, exponent) for level in way.levels]
-    return _sum((one * way.seen).sum() / count for one in far)
+    return _sum((distance * way.seen).sum() / count for distance in far)
 
 
 def edge_aware(flow: Tensor, image: Tensor) -> Tensor:
@@ -221,5 +221,5 @@ def kept_offsets(target: Tensor, warped: Tensor, corrected: Tensor, flow: Tensor
     from the target frame. The frames are compared at the target pixels, and the flow maps the result to the source
     frame.
     """
-    before, after = ((target - one).abs().mean(dim=1, keepdim=True) for one in (warped, corrected))
+    before, after = ((target - frame).abs().mean(dim=1, keepdim=True) for frame in (warped, corrected))
     return (coverage(flow, (after < before).float()) > 0).float()

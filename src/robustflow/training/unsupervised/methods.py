@@ -104,8 +104,11 @@ class Arflow(LabelFree):
         moves = [
             draw_moves(Rng.of(step.seed, "moves", position), settings, (height, width)) for position in step.positions
         ]
-        first, second = moved(images[0], [one.first for one in moves]), moved(images[1], [one.second for one in moves])
-        wanted, mask = moved_flow(flow, moves), moved(seen, [one.first for one in moves])
+        first, second = (
+            moved(images[0], [move.first for move in moves]),
+            moved(images[1], [move.second for move in moves]),
+        )
+        wanted, mask = moved_flow(flow, moves), moved(seen, [move.first for move in moves])
         deviation = Rng.of(step.seed, "second pass noise", step.number).uniform(0.0, settings.noise)
         first, second = (
             with_noise(image, deviation, [key_of(step.seed, "second pass", at, which) for at in step.positions], 1.0)
