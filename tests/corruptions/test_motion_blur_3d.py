@@ -105,22 +105,6 @@ def test_a_dot_is_smeared_along_its_projections(at, by, angle, severity):
     assert distances.min(axis=0).max() < 1, "a part of the path without a pixel"
 
 
-@pytest.mark.parametrize("severity", [2, 3, 5])
-def test_a_near_block_is_smeared_over_the_wall_and_the_wall_is_seen_through_its_rim(severity):
-    block = np.zeros((60, 120), bool)
-    block[20:40, 45:75] = True
-    depth = np.where(block, 4.0, 50.0).astype(np.float32)
-    frame = np.where(block, 255, 20).astype(np.uint8)[..., None].repeat(3, axis=2)
-    out = blurred(frame, moving(depth, by=(0.8, 0, 0)), severity)[..., 0].astype(float)
-    path = 0.8 * 100 / 4 * SHARES[severity - 1]
-    views = np.linspace(-0.5, 0.5, 4001) * path
-    columns = np.arange(120)
-    covered = np.mean([(columns >= 44.5 + way) & (columns < 74.5 + way) for way in views], axis=0)
-    assert np.abs(out[20:40] - (20 + 235 * covered)).max() < 1.5 * 235 / path + 1
-    assert (out[:19] == 20).all()
-    assert (out[41:] == 20).all()
-
-
 @pytest.mark.parametrize(("far", "by"), [(16.0, 1.2), (7.0, 0.6)])
 def test_many_edges_are_close_to_the_mean_of_many_views_in_float64(far, by):
     """Compare blocks that move sideways at three depths with the mean of 401 views of the nearest surface.
