@@ -139,6 +139,7 @@ LONG = [b"\x8a\x09" + (number * (2**61 - 1)).to_bytes(9, "little") for number in
 STORAGE = b"(X\7\0\0\0storagectorch\nFloatStorage\nX\1\0\0\0%cX\3\0\0\0cpuK\x50tQ"
 TEXT = b"X\xe7\3\0\0" + b"x" * 999 + b"q\0"
 DICT = b"".join(b"X\3\0\0\0%03dN" % number for number in range(200))
+MEMO = [(f"q{chr(i)}".encode(), f"h{chr(i)}".encode()) for i in range(60)]
 REFUSED = {
     "methods of a dict": pickle.dumps(Built({"items": 5}), 2),
     "class of a dict": pickle.dumps(Built({"__class__": 5}), 2),
@@ -157,6 +158,10 @@ REFUSED = {
     "dict copied often": b"}(" + DICT + b"uq\0" + b"ccollections\nOrderedDict\n)Rh\0b" * 99 + b".",
     "call with many arguments": b"ctorch\nSize\n(" + b"N" * 99 + b"tR.",
     "object number far away": b"\x80\x02]r\xff\xff\xff\x7f.",
+    "bytearray of 1 GB": b"\x80\x02c__builtin__\nbytearray\n\x8a\x04" + (10**9).to_bytes(4, "little") + b"\x85R.",
+    "nested lists, 2^60 parts": b"\x80\x02(]" + b"".join(put + b"](" + get + get + b"e" for put, get in MEMO) + b"t.",
+    "hash of 2^60 parts": b"\x80\x02}K\0" + b"".join(put + get + b"\x86" for put, get in MEMO) + b"K\x01s.",
+    "a hundred thousand levels": b"\x80\x02" + b"]" * 10**5 + b"a" * (10**5 - 1) + b".",
     "storages larger than the file": b"(" + b"".join(STORAGE % number for number in range(65, 70)) + b"t.",
 }
 

@@ -6,7 +6,7 @@ import pytest
 from skimage import data
 
 from robustflow import load_model
-from robustflow.core.errors import ModelError, UsageError
+from robustflow.core.errors import UsageError
 
 from ..refusals import refusal
 
@@ -47,13 +47,6 @@ def test_flow_does_not_depend_on_the_previous_pair(moved):
     np.testing.assert_array_equal(model.predict(*moved), first)
 
 
-@pytest.mark.parametrize(("preset", "size"), [("medium", (10, 3000)), ("fast", (16, 1000))])
-def test_frames_too_elongated_for_dis_are_refused(preset, size):
-    frame = np.random.default_rng(0).integers(0, 255, (*size, 3)).astype(np.uint8)
-    model = load_model("dis", preset=preset)
-    refusal(lambda: model.predict(frame, frame), ModelError, f"{size[0]}x{size[1]}")
-
-
 @pytest.mark.parametrize("model", [load_model(name) for name in ("farneback", "dis", "dis_rgb")])
 @pytest.mark.parametrize(
     ("other", "culprit"),
@@ -66,15 +59,6 @@ def test_frames_too_elongated_for_dis_are_refused(preset, size):
 )
 def test_invalid_frames_are_refused(model, other, culprit):
     refusal(lambda: model.predict(np.zeros((64, 96, 3), np.uint8), other), UsageError, culprit)
-
-
-@pytest.mark.parametrize(("height", "width", "fits"), [(8, 12, True), (12, 8, True), (11, 11, False), (7, 40, False)])
-def test_dis_accepts_its_smallest_frames(height, width, fits):
-    frame = np.random.default_rng(0).integers(0, 255, (height, width, 3)).astype(np.uint8)
-    if fits:
-        assert np.isfinite(load_model("dis").predict(frame, frame)).all()
-    else:
-        refusal(lambda: load_model("dis").predict(frame, frame), ModelError, f"{height}x{width}")
 
 
 @pytest.mark.parametrize("preset", ["samples", "opencv"])

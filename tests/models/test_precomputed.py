@@ -76,13 +76,6 @@ def test_flow_of_another_name_is_refused_and_what_is_there_named(tmp_path, names
     assert named in str(error)
 
 
-def test_renamed_flow_is_found_by_a_new_model(tmp_path):
-    model = stored(tmp_path, "clean/b.flo")
-    refusal(lambda: model.lookup("a", "clean", 0), ModelError, tmp_path)
-    (tmp_path / "clean" / "b.flo").rename(tmp_path / "clean" / "flow_a.flo")
-    assert load_model(str(tmp_path)).lookup("a", "clean", 0)[0, 0, 0] == 0.5
-
-
 def test_folder_without_clean_flows_is_refused_and_what_is_there_named(tmp_path):
     write_flow(tmp_path / "000000_10.png", FLOW)
     assert "000000_10.png" in str(refusal(lambda: load_model(str(tmp_path)), ModelError, tmp_path))

@@ -2,7 +2,6 @@
 
 import contextlib
 import io
-import pickle
 from functools import cache
 
 import cv2
@@ -171,11 +170,3 @@ def test_memory_networks_get_the_declared_number_of_frames(library):
     assert load_model("memflow", checkpoint="random", before=2).window.before == 2
     for wrong in (0, 1.5):
         refusal(lambda wrong=wrong: load_model("memflow", checkpoint="random", before=wrong), UsageError, "before")
-
-
-@pytest.mark.torch
-def test_identity_of_a_clip_model_states_its_window_and_settings(library):
-    identity = adapter("videoflow_mof").identity()
-    assert (identity["name"], identity["checkpoint"], identity["iterations"]) == ("videoflow_mof", "random", 2)
-    assert identity["library"] == f"ptlflow {library.__version__}"
-    assert pickle.loads(pickle.dumps(adapter("memflow").window)) == adapter("memflow").window

@@ -4,13 +4,10 @@ their code, and weights that do not match the network are rejected.
 
 import argparse
 import hashlib
-import json
 import os
 import pickle
 import random
 import struct
-import subprocess
-import sys
 import zipfile
 from pathlib import Path
 
@@ -80,28 +77,6 @@ def test_safetensors_with_any_header_length_are_read(path, state):
     assert (cast, read.trained_on) == (None, None)
 
 
-ONE = {"dtype": "F32", "shape": [1], "data_offsets": [0, 4]}
-
-
-@pytest.mark.parametrize(
-    ("header", "data", "length"),
-    [
-        ({"a": {**ONE, "data_offsets": [0, 400]}}, bytes(4), None),
-        ({"a": {**ONE, "shape": [1 << 40]}}, bytes(4), None),
-        ({"a": ONE, "b": ONE}, bytes(4), None),
-        ({"a": {**ONE, "data_offsets": [4, 0]}}, bytes(4), None),
-        ({"a": {**ONE, "dtype": "F31"}}, bytes(4), None),
-        ({"a": ONE}, bytes(400), None),
-        ({"a": ONE}, bytes(4), 1 << 31),
-    ],
-    ids=["beyond the end", "huge", "overlapping", "negative", "unknown dtype", "spare bytes", "long header"],
-)
-def test_safetensors_whose_header_lies_are_refused(path, header, data, length):
-    text = json.dumps(header).encode()
-    path.write_bytes(struct.pack("<Q", length or len(text)) + text + data)
-    refusal(lambda: load(path), ModelError, path)
-
-
 def test_only_network_entries_are_read_from_the_checkpoint_of_a_trainer(path, state):
     runner = {f"module.model.{key}": value for key, value in state.items()}
     runner |= {"module.corrector.first.weight": torch.zeros(1), "module.first.weight": torch.zeros(1)}
@@ -138,49 +113,11 @@ def crafted_archive(path, pickled: bytes) -> None:
         archive.writestr("a/version", "3\n")
 
 
-MEMO = [(f"q{chr(i)}".encode(), f"h{chr(i)}".encode()) for i in range(60)]
-A_BILLION = b"\x8a\x04" + (10**9).to_bytes(4, "little")
-EXHAUSTING = {
-    "bytearray of 1 GB": b"\x80\x02c__builtin__\nbytearray\n" + A_BILLION + b"\x85R.",
-    "nested lists, 2^60 parts": b"\x80\x02(]" + b"".join(put + b"](" + get + get + b"e" for put, get in MEMO) + b"t.",
-    "hash of 2^60 parts": b"\x80\x02}K\0" + b"".join(put + get + b"\x86" for put, get in MEMO) + b"K\x01s.",
-    "a hundred thousand levels": b"\x80\x02" + b"]" * 10**5 + b"a" * (10**5 - 1) + b".",
-}
-_READ = """
-import resource, sys
-from robustflow.core.errors import ModelError
-from robustflow.models.torch.checkpoint import read_content
-from robustflow.models.torch.build import find_checkpoint
-from pathlib import Path
-before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-resource.setrlimit(resource.RLIMIT_DATA, (before * 1024 + 2**31,) * 2)
-for name in sys.argv[1:]:
-    try:
-        read_content(Path(name))
-    except ModelError as error:
-        assert name in str(error), error
-    else:
-        print(name)
-print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before)
-"""
-
-
 def test_a_state_dict_written_by_python_2_is_read(path):
     """Python 2 stored an OrderedDict as a call with a list of pairs, as in the weights of LPIPS."""
     pairs = b"".join(b"](X\x01\0\0\0" + name + b"K\x01e" for name in (b"a", b"b"))
     crafted_archive(path, b"\x80\x02ccollections\nOrderedDict\n](" + pairs + b"e\x85R.")
     assert read_content(path)[0] == {"a": 1, "b": 1}
-
-
-def test_pickles_that_exhaust_memory_or_time_are_refused_at_once(tmp_path):
-    paths = []
-    for number, pickled in enumerate(EXHAUSTING.values()):
-        paths += [tmp_path / f"{number}.pth", tmp_path / f"{number}.old"]
-        crafted_archive(paths[-2], pickled)
-        before = [torch.serialization.MAGIC_NUMBER, torch.serialization.PROTOCOL_VERSION, {}]
-        paths[-1].write_bytes(b"".join(pickle.dumps(part, 2) for part in before) + pickled)
-    done = subprocess.run([sys.executable, "-c", _READ, *paths], capture_output=True, text=True, timeout=60, check=True)
-    assert int(done.stdout) < 50_000  # KiB
 
 
 @pytest.mark.parametrize("kind", ["zip", "legacy", "safetensors"])
@@ -228,18 +165,6 @@ def test_a_payload_is_refused_and_not_run(tmp_path, path, state, kind, place, re
     refusal(lambda: load(path), ModelError, path)
     assert not (tmp_path / "ran").exists()
     assert not [one.message for one in recwarn if one.category is not ResourceWarning]
-
-
-def test_a_zip_bomb_is_refused_before_it_is_unpacked(tmp_path, path, state):
-    torch.save(state, tmp_path / "good.pth")
-    with (
-        zipfile.ZipFile(tmp_path / "good.pth") as good,
-        zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED, compresslevel=9) as out,
-    ):
-        for record in good.infolist():
-            out.writestr(record.filename, good.read(record))
-        out.writestr("good/data/99", bytes(1 << 24))
-    refusal(lambda: load(path), ModelError, path)
 
 
 def with_itself() -> dict:
