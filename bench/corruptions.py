@@ -49,12 +49,12 @@ import numpy as np
 from robustflow.core.errors import AssetError
 from robustflow.core.types import Camera, SceneDepth
 from robustflow.corruptions import corrupt, load_corruption
-from robustflow.corruptions.registry import FURTHER, IMAGE_PAIR
+from robustflow.corruptions.registry import CLIP, FURTHER, IMAGE_PAIR
 from robustflow.data.datasets.motorcycle import Motorcycle
 from robustflow.media.images import read_image
 
 SEVERITIES = (1, 2, 3, 4, 5)
-FURTHER_NAMES = tuple(name for names in FURTHER.values() for name in names)
+FURTHER_NAMES = tuple(name for names in FURTHER.values() for name in names if name not in CLIP)
 THEIR_NAMES = {"high_light": "brightness", "camera_motion_blur": "motion_blur"}
 Pair = tuple[np.ndarray, np.ndarray]
 
@@ -116,13 +116,14 @@ def timed(call: Callable[[], Any]) -> Callable[[], float]:
 Transforms = dict[str, Callable[[Any, Any], Any]]
 """Transforms of a package by the name of a corruption: functions of its module and of our severity's parameter."""
 
+_BOX = {"downscale": cv2.INTER_AREA, "upscale": cv2.INTER_NEAREST}
 ALBUMENTATIONS: Transforms = {
     "jpeg_compression": lambda a, quality: a.ImageCompression(quality_range=(quality, quality), p=1),
-    "pixelate": lambda a, scale: a.Downscale((scale, scale), p=1),
+    "pixelate": lambda a, scale: a.Downscale((scale, scale), _BOX, p=1),
     "spatter": lambda a, level: a.Spatter(level.mean, level.deviation, level.sigma, level.threshold, p=1),
     "gaussian_noise": lambda a, deviation: a.GaussNoise((deviation, deviation), p=1),
     "impulse_noise": lambda a, share: a.SaltAndPepper((share, share), p=1),
-    "gaussian_blur": lambda a, sigma: a.GaussianBlur(0, (sigma, sigma), p=1),
+    "gaussian_blur": lambda a, sigma: a.GaussianBlur((2 * int(4 * sigma + 0.5) + 1,) * 2, (sigma, sigma), p=1),
     "defocus_blur": lambda a, disk: a.Defocus((disk.radius, disk.radius), (disk.smoothing, disk.smoothing), p=1),
     "glass_blur": lambda a, glass: a.GlassBlur(glass.sigma, glass.reach, glass.iterations, p=1),
     "camera_motion_blur": lambda a, shake: a.MotionBlur((2 * shake.radius + 1, 2 * shake.radius + 1), p=1),

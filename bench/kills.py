@@ -1,7 +1,7 @@
 """Kill a run with each engine, and a training, twice (SIGKILL), continue them, and compare their files with those of an
-undisturbed one: rows and summary, or checkpoint and log. Each kill waits for a random one of the rows or updates that
-are still missing. Print a line per kill, with the processes that outlive it by 10 s, and then a line per engine, with
-the folders that are left in the folder for temporary files.
+undisturbed one: rows and summary, or checkpoint and log. Each kill waits for a random one of the missing rows or
+updates, but for none of the last tenth. Print a line per kill, with the processes that outlive it by 10 s, and then a
+line per engine, with the folders that are left in the folder for temporary files.
 
     python bench/kills.py [serial processes device ray training] --kills 20
 """
@@ -124,21 +124,23 @@ def kill(what: str, wanted: int, whole: Path) -> None:
     (whole / "t").mkdir()
     (whole / "frames").mkdir()
     texture = np.kron(np.random.default_rng(0).integers(0, 256, (20, 24, 3), np.uint8), np.ones((4, 4, 1), np.uint8))
-    for number in range(4):
+    for number in range(6):
         cv2.imwrite(str(whole / f"frames/{number}.png"), texture[:64, 2 * number : 2 * number + 80])
     process = start(what, whole, whole / "undisturbed")
     reached(process, whole / "undisturbed", 1)
     first = time.monotonic()
     finished(process, whole)
     total, moments, undisturbed = progress(whole / "undisturbed"), random.Random(1), outcome(whole / "undisturbed")
-    step = (time.monotonic() - first) / total
+    step, latest = (time.monotonic() - first) / total, total * 9 // 10
     print(f"{what}: undisturbed, {total} {STEPS[what]}", flush=True)
     kills = between = ends = first_differ = second_differ = processes = 0
     while kills < wanted:
-        output = whole / str(ends)
+        output, kept = whole / str(ends), 0
         for _ in range(2):
+            if kept >= latest:
+                break
             process = start(what, whole, output)
-            if not reached(process, output, moments.randint(min(progress(output) + 1, total), total)):
+            if not reached(process, output, moments.randint(kept + 1, latest)):
                 break
             time.sleep(moments.uniform(0, step))
             process.kill()
