@@ -10,7 +10,6 @@ import numpy as np
 
 from ..core.arguments import check_severity
 from ..core.errors import DataError, ModelError, UsageError
-from ..core.plugins import own_name
 from ..core.types import Flow, Frame, Mask, Sample, check_frame, described_array
 from ..models.calls import predict_checked
 from ..models.loading import load_model
@@ -23,7 +22,7 @@ from .loss import Loss
 from .problem import Pair
 from .registry import ATTACKS, CONTROLS, attack_spec
 from .result import Attacked, norms_of
-from .user_attacks import OwnAttack, is_own, own_attacks_among, register_attack, with_target_registered
+from .user_attacks import OwnAttack, register_attack, registered_attack, with_target_registered
 
 AnyAttack = str | Attack | Any
 """The name of an attack, an attack from `load_attack`, or the user's own attack as an object or class."""
@@ -51,7 +50,7 @@ def load_attack(name: AnyAttack, **options: Any) -> Attack:
     if not isinstance(name, str):
         return OwnAttack.of(register_attack(name), **options)
     spec = attack_spec(name)
-    if is_own(spec.name) and not spec.argument:
+    if registered_attack(spec.name) is not None and not spec.argument:
         return OwnAttack.of(spec.name, **spec.options, **options)
     kind: type[Attack] = ATTACKS.get(spec.name)
     if spec.argument and not kind.argument:
@@ -66,10 +65,11 @@ def with_controls(attacks: Iterable[AnyAttack]) -> tuple[str, ...]:
     asked: list[str] = []
     own: dict[str, Any] = {}
     for attack in attacks:
-        asked.append(load_attack(with_target_registered(attack) if isinstance(attack, str) else attack).label)
-        for made in own_attacks_among(asked[-1:]):
-            if own.setdefault(own_name(made), made) is not made:
-                raise UsageError(own_name(made), "two attacks have this name: give each a different `name`")
+        loaded = load_attack(with_target_registered(attack) if isinstance(attack, str) else attack)
+        made = registered_attack(loaded.name)
+        if own.setdefault(loaded.name, made) is not made:
+            raise UsageError(loaded.name, "two attacks have this name: give each a different `name`")
+        asked.append(loaded.label)
     controls = (attack_spec(label).control for label in asked)
     return tuple(dict.fromkeys((*CONTROLS, *controls, *asked))) if asked else ()
 

@@ -6,8 +6,6 @@
 from __future__ import annotations
 
 import inspect
-import re
-from collections.abc import Iterable
 from dataclasses import dataclass, fields
 from typing import Any
 
@@ -115,15 +113,9 @@ def with_target_registered(name: str) -> str:
     return ":".join([registered, *(f"{option}={value}" for option, value in spec.options.items())])
 
 
-def is_own(name: str) -> bool:
-    """Whether the user has registered an attack under this name."""
-    return name in _own
-
-
-def own_attacks_among(names: Iterable[str]) -> tuple[Made, ...]:
-    """Return the user's attacks that occur in `names`, also inside composite attacks, for workers to register."""
-    parts = {part for name in names for part in re.split(r"[:=+]", name)}
-    return tuple(made for name, made in _own.items() if name in parts)
+def registered_attack(name: str) -> Made | None:
+    """Return what the user has registered under a name."""
+    return _own.get(name)
 
 
 def _parameters(made: Made) -> dict[str, Any]:

@@ -12,14 +12,13 @@ from PIL import Image
 
 from ..core.arguments import check_severity
 from ..core.errors import DataError, UsageError, unknown_name
-from ..core.plugins import own_name
 from ..core.rng import Rng, check_seed
 from ..core.types import Frame, SceneDepth, check_frame
 from .condition import Stack, condition_of, with_targets_registered
 from .corruption import BGR, SCALES, Corruption
 from .registry import CORRUPTIONS, refuse_on_disk
 from .scale import calibrated_severities
-from .user_corruptions import OwnCorruption, own_among, own_corruption, register_custom
+from .user_corruptions import OwnCorruption, own_corruption, register_custom
 
 
 class ChannelsReversed(Corruption):
@@ -138,13 +137,12 @@ def corruption_name(spec: str | Corruption | type[Corruption]) -> str:
 def corruption_names(specs: Iterable[str | Corruption | type[Corruption]]) -> tuple[str, ...]:
     """Return the distinct names under which corruptions are run and reported, see `corruption_name`."""
     names: list[str] = []
-    own: dict[str, Any] = {}
+    own: dict[str, OwnCorruption] = {}
     for spec in specs:
         names.append(corruption_name(spec.made if isinstance(spec, OwnCorruption) else spec))
-        for made in own_among(condition_of(names[-1]).names):
-            loaded: Any = load_corruption(own_name(made))
-            first = own.setdefault(loaded.name, loaded)
-            if first.made is not loaded.made and first.source != loaded.source:
+        for loaded in (own_corruption(part, "default") for part in condition_of(names[-1]).names):
+            first = loaded and own.setdefault(loaded.name, loaded)
+            if loaded and first and first.made is not loaded.made and first.source != loaded.source:
                 raise UsageError(first.name, "two corruptions have this name; give each a different `name`")
         if isinstance(spec, Corruption) and not _equals_registered(spec, names[-1]):
             raise UsageError(

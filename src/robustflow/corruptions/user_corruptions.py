@@ -7,7 +7,7 @@ numbers; `robustflow.testing.check_corruption` performs additional checks (deter
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable, Collection
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
@@ -113,11 +113,6 @@ def _restored(made: Made, variant: str) -> OwnCorruption | None:
 def is_known(name: str) -> bool:
     """Return whether this package, an installed package or the user provides a corruption with this name."""
     return name in _own or name in CORRUPTIONS.names()
-
-
-def own_among(names: Collection[str]) -> tuple[Made, ...]:
-    """Return the user-registered corruptions among the names."""
-    return tuple(made for name, made in _own.items() if name in names)
 
 
 def _check_methods(made: Made) -> None:
