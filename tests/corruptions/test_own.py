@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import linecache
 import os
 import pickle
 import subprocess
@@ -262,7 +263,7 @@ def test_the_source_names_files_and_attributes(rain_package):
     assert load_corruption(Slotted(3)).source != load_corruption(Slotted(4)).source
     for top in (object(), Slotted(3).draw, np.array([object()])):  # the bytes of such an array are addresses
         refusal(lambda top=top: load_corruption(Veil(top)).source, UsageError, "Veil.top")
-    refusal(lambda: load_corruption(Veil(times(object()))).source, UsageError, "Veil")
+    refusal(lambda: load_corruption(Veil(times(object()))).source, UsageError, "Veil.top")
 
 
 IN_SCRIPT = """
@@ -280,38 +281,77 @@ class InScript:
 """
 
 
-@pytest.mark.parametrize(("name", "is_file"), [("__main__", True), ("__main__", False), ("wave", True)])
-def test_the_source_of_a_class_of_a_script_or_session_includes_what_it_uses(tmp_path, monkeypatch, name, is_file):
-    def source(text):
-        (tmp_path / "script.py").write_text(text)
-        main = ModuleType(name)  # `wave` is also a module of the standard library
-        if is_file:
-            main.__file__ = str(tmp_path / "script.py")
-        monkeypatch.setitem(sys.modules, name, main)
-        exec(text, vars(main))
+@pytest.fixture
+def source(tmp_path, monkeypatch):
+    """Return the source of `InScript` in a program: a script, a module, or a notebook with a cell before each class."""
+
+    def of(program, kind="notebook"):
+        file = tmp_path / "script.py"
+        file.write_text(program)
+        main = ModuleType("wave" if kind == "module" else "__main__")  # `wave` is also one of the standard library
+        monkeypatch.setitem(sys.modules, main.__name__, main)
+        if kind == "notebook":
+            cells = {f"<cell {n}>": "class " * (n > 0) + cell for n, cell in enumerate(program.split("class "))}
+        else:
+            main.__file__, cells = str(file), {str(file): program}
+        for name, cell in cells.items():
+            monkeypatch.setitem(linecache.cache, name, (len(cell), None, cell.splitlines(True), name))
+            exec(compile(cell, name, "exec"), vars(main))
         return load_corruption(main.InScript).source
 
-    assert source(IN_SCRIPT) == source(IN_SCRIPT) != source(IN_SCRIPT.replace("3", "4"))
-    edits = (("return AMOUNT", "return 2 * AMOUNT"), ("7", "6"), ("return frame", "return frame + 1"), ("11", "8"))
-    for before, after in (*edits, ("22", "33")):
-        assert source(IN_SCRIPT) != source(IN_SCRIPT.replace(before, after))
-    assert (source(IN_SCRIPT) == source(IN_SCRIPT.replace("5", "6"))) == (name == "__main__"), "an unused value"
+    return of
+
+
+EDITS = {
+    "3": "4",
+    "return AMOUNT": "return 2 * AMOUNT",
+    "7": "6",
+    "return frame": "return frame + 1",
+    "11": "8",
+    "22": "33",
+}
+
+
+@pytest.mark.parametrize("kind", ["script", "notebook", "module"])
+def test_the_source_of_a_class_includes_the_text_and_the_variables_that_it_uses(source, kind):
+    assert source(IN_SCRIPT, kind) == source(IN_SCRIPT, kind)
+    edited = [source(IN_SCRIPT.replace(*edit), kind) for edit in EDITS.items()]
+    assert len({source(IN_SCRIPT, kind), *edited}) == 1 + len(EDITS)
+    assert (source(IN_SCRIPT, kind) == source(IN_SCRIPT + "class Unused: ...\n", kind)) == (kind == "notebook")
+
+
+def test_a_variable_that_cannot_be_recognised_is_refused_in_a_notebook_and_counts_as_text_in_a_script(source):
     holding = IN_SCRIPT.replace("def amount():", "HELD = partial(round, 44)\ndef amount(held=HELD):")
-    assert source(holding) == source(holding) != source(holding.replace("return AMOUNT", "return 2 * AMOUNT"))
-    assert (source(holding) != source(holding.replace("44", "55"))) == is_file, "an object that cannot be recognised"
+    assert source(holding, "script") == source(holding, "script") != source(holding.replace("44", "55"), "script")
+    refusal(lambda: source(holding), UsageError, "InScript")
+    described = holding.replace("severities", "source = '44'\n    severities")
+    assert source(described) == source(described) != source(described.replace("'44'", "'55'"))
+
+
+def test_a_value_from_the_command_line_counts_in_a_script(source, monkeypatch):
+    program = IN_SCRIPT.replace("AMOUNT, LATER", "import sys\nAMOUNT, LATER").replace("= 3,", "= len(sys.argv),")
+    before = source(program, "script")
+    monkeypatch.setattr(sys, "argv", sys.argv * 9)
+    assert before != source(program, "script")
+
+
+def test_a_class_of_a_session_without_its_text_is_refused_unless_it_says_what_it_is(monkeypatch):
+    main = ModuleType("__main__")
+    monkeypatch.setitem(sys.modules, "__main__", main)
+    exec(IN_SCRIPT, vars(main))
+    refusal(lambda: load_corruption(main.InScript).source, UsageError, "InScript")
+    main.InScript.source = "grey"
+    assert load_corruption(main.InScript).source
 
 
 @pytest.mark.parametrize("imported", ["import rain_depth as at", "from rain_depth import DEPTH, wet, Wet"])
-def test_the_source_of_a_class_of_a_session_includes_the_modules_that_it_uses(rain_package, monkeypatch, imported):
-    def source(depth):
+def test_the_source_of_a_class_of_a_notebook_includes_the_modules_that_it_uses(rain_package, source, imported):
+    def with_depth(depth):
         forget()
         (rain_package / "rain_depth.py").write_text(f"DEPTH = 1\ndef wet(): return {depth}\nclass Wet: ...\n")
-        main = ModuleType("__main__")
-        monkeypatch.setitem(sys.modules, "__main__", main)
-        exec(imported + IN_SCRIPT.replace("amount() +", "at.wet() +" if " as " in imported else "wet() +"), vars(main))
-        return load_corruption(main.InScript).source
+        return source(imported + IN_SCRIPT.replace("amount() +", "at.wet() +" if " as " in imported else "wet() +"))
 
-    assert source(1) == source(1) != source(2)
+    assert with_depth(1) == with_depth(1) != with_depth(2)
 
 
 def test_a_property_source_adds_to_the_attributes_and_stands_for_those_that_cannot_be_recognised(monkeypatch):
