@@ -35,7 +35,7 @@ import numpy as np
 
 # processes that only predict also load this file, so modules that they do not need are imported late
 if __name__ == "__main__":
-    from robustflow.core.processes import one_opencv_thread
+    from robustflow.core.opencv import one_opencv_thread
     from robustflow.corruptions.registry import IMAGE_PAIR
     from robustflow.data.benchmarks import Benchmark
     from robustflow.data.datasets import load_dataset

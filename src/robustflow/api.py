@@ -201,7 +201,7 @@ def evaluate(
     0.0
     """
     config = RunConfig.of(locals())
-    from .core.processes import refuse_unguarded_script
+    from .core.user_script import refuse_unguarded_script
     from .pictures.examples import capture_slider_pictures
     from .run.compute_missing import compute_missing
     from .run.engines.choose import choose_engine

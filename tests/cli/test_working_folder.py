@@ -18,8 +18,8 @@ import numpy as np
 import pytest
 
 from robustflow.core import compiled
+from robustflow.core.environment import SAFE_PATH
 from robustflow.core.errors import UsageError
-from robustflow.core.processes import SAFE_PATH
 from robustflow.report.figures import clean_against_cre, figure_bytes
 from robustflow.stats.published.tables import published_results
 from tests.refusals import refusal

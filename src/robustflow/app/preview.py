@@ -12,7 +12,7 @@ import numpy as np
 from pydantic import Field
 
 from ..core.errors import UsageError
-from ..core.processes import one_opencv_thread
+from ..core.opencv import one_opencv_thread
 from ..core.types import Flow, Frame, Frozen, Sample
 from ..corruptions import Corruption, corrupt, load_corruption
 from ..media.colours import error_colours, flow_colours, flow_radius, thickened

@@ -20,10 +20,10 @@ from typer.core import TyperCommand, TyperGroup, TyperOption
 
 from .. import __version__
 from ..core.display import ignore_local_settings
+from ..core.environment import SAFE_PATH
 from ..core.errors import RobustFlowError, UsageError, class_and_message, options_named, plain_warning
 from ..core.output import results_only
 from ..core.paths import user_path
-from ..core.processes import SAFE_PATH
 from ..core.text import is_utf8, plain
 from .advice import advice, explained, unknown_option
 

@@ -4,7 +4,8 @@ By default numba reads settings from `.numba_config.yaml` in the working folder 
 compiled code from whatever folder the settings name. This module prevents both. `_cache_files` replaces the part of a
 function's cache that reads and writes files, which numba has no documented hook for: each file is sealed with a digest,
 so that damaged code is compiled again instead of run, and named so that several processes can write at the same time.
-The version of numba is bounded, because `_cache`, `_cache_file`, `_impl` and `_numba_type_` are internal.
+`_cache`, `_cache_file`, `_impl` and `_numba_type_` are internal and have no public counterpart in numba 0.60 to 0.68,
+to which its version is bounded.
 
 Importing numba takes a third of the time of importing the package, so it is imported when a function is first called.
 """

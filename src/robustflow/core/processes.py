@@ -1,5 +1,4 @@
-"""Processes: one that can be monitored and that exits when its parent does, its environment, and its use of processors
-and memory.
+"""A child process that can be monitored, and that exits when its parent does.
 
 Each child has a pipe for messages (kind, value). When the parent dies for any reason, a second pipe closes, which ends
 the child, even if it hangs inside a model.
@@ -10,7 +9,6 @@ need and runs nothing else, so that only one process pays for the imports.
 
 from __future__ import annotations
 
-import ctypes
 import fcntl
 import multiprocessing
 import os
@@ -20,93 +18,23 @@ import tempfile
 import threading
 import traceback
 import warnings
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager, nullcontext, suppress
-from multiprocessing import forkserver, resource_tracker
+from multiprocessing import forkserver
 from multiprocessing.connection import Connection
 from multiprocessing.context import ForkServerContext, SpawnContext
 from multiprocessing.process import BaseProcess
 from multiprocessing.util import Finalize
-from pathlib import Path
-from types import ModuleType
 from typing import Any, TypeVar
 
 from . import errors
 from .display import ignore_local_settings
+from .environment import ONE_THREAD, environment_variables, keep_freed_memory, safe_path
 from .errors import RobustFlowError, RunError, UsageError
 from .files import scratch_folder
+from .user_script import UNGUARDED, user_script, without_user_script
 
 T = TypeVar("T")
-
-SAFE_PATH = "PYTHONSAFEPATH"
-"""Environment variable of Python. If it is unset, `python -c`, which starts the children of `multiprocessing` and its
-resource tracker, searches the working folder before the standard library."""
-
-
-@contextmanager
-def safe_path() -> Iterator[None]:
-    """Start processes within the block without the working folder on their import path."""
-    with environment_variables({SAFE_PATH: "1"}):
-        resource_tracker.ensure_running()  # otherwise it would start later, without this setting
-        yield
-
-
-@contextmanager
-def environment_variables(values: Mapping[str, str]) -> Iterator[None]:
-    """Set environment variables within the block, for the processes started in it."""
-    before = {name: os.environ.get(name) for name in values}
-    os.environ.update(values)
-    try:
-        yield
-    finally:
-        for name, value in before.items():
-            if value is None:
-                os.environ.pop(name, None)
-            else:
-                os.environ[name] = value
-
-
-def available_processors() -> int:
-    """Return the number of processors this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-
-
-@contextmanager
-def one_opencv_thread() -> Iterator[None]:
-    """Run OpenCV in one thread within the block: some of its methods split the image into one stripe per thread, and
-    their result depends on the number of stripes.
-
-    >>> import cv2
-    >>> with one_opencv_thread():
-    ...     cv2.getNumThreads()
-    1
-    """
-    import cv2
-
-    threads = cv2.getNumThreads()
-    cv2.setNumThreads(1)
-    try:
-        yield
-    finally:
-        cv2.setNumThreads(threads)
-
-
-_TRIM_THRESHOLD, _MMAP_THRESHOLD = -1, -3
-"""Parameters of glibc's mallopt(3)."""
-
-_SETTINGS = {
-    "MALLOC_TRIM_THRESHOLD_": (_TRIM_THRESHOLD, 512 * 2**20),
-    "MALLOC_MMAP_THRESHOLD_": (_MMAP_THRESHOLD, 32 * 2**20),
-}
-
-
-def keep_freed_memory() -> None:
-    """Let glibc keep up to half a gigabyte of the memory that this process frees."""
-    mallopt = getattr(ctypes.CDLL(None), "mallopt", None)
-    for variable, (setting, value) in _SETTINGS.items():
-        if mallopt is not None and variable not in os.environ:
-            mallopt(setting, value)
-
 
 _preloaded: list[str] = []
 
@@ -115,16 +43,6 @@ def preload(*modules: str) -> None:
     """Let the process from which children are forked import these modules when it starts. Their threads, if any, must
     survive a fork."""
     _preloaded.extend(modules)
-
-
-_THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS", "POLARS_MAX_THREADS")
-ONE_THREAD = dict.fromkeys(_THREADS, "1")
-"""Environment variables with which each library in a new process uses one thread."""
-
-_UNGUARDED = (
-    'a script that starts several workers needs its code under `if __name__ == "__main__":`, because each worker '
-    "runs the script from the top"
-)
 
 
 _starting = threading.Lock()
@@ -149,7 +67,7 @@ class Child:
         self.pipe, child_end = multiprocessing.Pipe()
         watched, self._lifeline = multiprocessing.Pipe(duplex=False)
         self._began = False
-        script = nullcontext() if runs_script and user_script() else _without_user_script()
+        script = nullcontext() if runs_script and user_script() else without_user_script()
         with _starting, environment_variables(ONE_THREAD), safe_path(), _blocking_stop_signals(), script:
             given = (dict(os.environ), ignored, child_end, watched, target, arguments)
             # not a daemon, which could not have a child itself; the finalizer ends it before this process waits for it
@@ -180,7 +98,7 @@ class Child:
             self._process.join(5)
             code = self._process.exitcode
             if not self._began and code == 1:
-                raise RunError(f"a worker process failed to start; a guard may be missing: {_UNGUARDED}") from None
+                raise RunError(f"a worker process failed to start; a guard may be missing: {UNGUARDED}") from None
             if code == -signal.SIGKILL:
                 raise RunError(doing, f"its process was killed, usually for lack of memory: {if_killed}") from None
             how = f"exit code {code}" if code is None or code >= 0 else signal.Signals(-code).name
@@ -257,37 +175,6 @@ def _end(process: BaseProcess, pipe: Connection, lifeline: Connection) -> None:
     process.kill()
     process.join()
     lifeline.close()
-
-
-def refuse_unguarded_script() -> None:
-    """Raise if a worker process runs the user's script from the top again while starting."""
-    if getattr(multiprocessing.current_process(), "_inheriting", False):
-        raise UsageError(_UNGUARDED)
-
-
-def user_script() -> Path | None:
-    """Return the file that Python runs; None in a notebook, at a prompt, and for a script on standard input."""
-    file = Path(getattr(sys.modules["__main__"], "__file__", ""))
-    return file if file.is_file() else None
-
-
-def may_have_children() -> bool:
-    """Return whether children can start without running the script again. They can if the script has a guard, if there
-    is no script, or if the script is a package's `__main__`, which `multiprocessing` does not run again."""
-    script = user_script()
-    package = getattr(getattr(sys.modules["__main__"], "__spec__", None), "name", "").endswith(".__main__")
-    return script is None or package or "__main__" in script.read_text(errors="replace")
-
-
-@contextmanager
-def _without_user_script() -> Iterator[None]:
-    """Start a process that does not run the user's script."""
-    script = sys.modules["__main__"]
-    sys.modules["__main__"] = ModuleType("__main__")
-    try:
-        yield
-    finally:
-        sys.modules["__main__"] = script
 
 
 STOP_SIGNALS = (signal.SIGINT, signal.SIGTERM)

@@ -111,6 +111,7 @@ class _Source:
                 if not in_module or "<locals>" in base.__qualname__:
                     bare = {key: getattr(v, "__func__", getattr(v, "fget", v)) for key, v in vars(base).items()}
                     members = {key: v for key, v in bare.items() if inspect.isfunction(v) or not key.startswith("__")}
+                    members.pop("_abc_impl", None)  # of Python's abstract classes
                     parts.append(self._held(members, where, in_module))
         return ":".join(parts)
 

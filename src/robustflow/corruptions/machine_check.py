@@ -11,7 +11,7 @@ import numpy as np
 
 from ..core.errors import AssetError, first_line
 from ..core.files import quick_digest_of_bytes
-from ..core.processes import one_opencv_thread
+from ..core.opencv import one_opencv_thread
 from ..core.rng import Rng
 from ..core.types import Camera, DepthMap, Frame, SceneDepth
 from .api import corrupt

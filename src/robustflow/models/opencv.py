@@ -13,7 +13,7 @@ import numpy as np
 
 from ..core.arguments import check_count
 from ..core.errors import ModelError, UsageError, unknown_name
-from ..core.processes import one_opencv_thread
+from ..core.opencv import one_opencv_thread
 from ..core.types import Flow, Frame
 from .pair_network import check_pair
 

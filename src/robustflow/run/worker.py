@@ -12,7 +12,7 @@ from queue import SimpleQueue
 from typing import Any
 
 from ..core.compiled import load_numba
-from ..core.processes import one_opencv_thread
+from ..core.opencv import one_opencv_thread
 from ..core.types import Flow, Frame, Sample
 from ..models.confidence import flow_of
 from .cells import Cell

@@ -18,7 +18,7 @@ import numpy as np
 
 from ...core.arguments import choice
 from ...core.errors import DataError
-from ...core.processes import one_opencv_thread
+from ...core.opencv import one_opencv_thread
 from ...core.text import counted
 from ...core.types import Frame
 from .base import Dataset

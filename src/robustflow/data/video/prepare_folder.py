@@ -12,10 +12,10 @@ from itertools import islice
 from pathlib import Path
 
 from ...core.display import ProgressBar
+from ...core.environment import safe_path
 from ...core.errors import DataError, UsageError
 from ...core.files import cache_folder, make_folder, sealed, sha256_of_file, write_json
 from ...core.paths import folders
-from ...core.processes import safe_path
 from ...media.images import images_in, png_bytes
 from .codec import Encoder, even_size, lossless, rgb_to_i420
 from .interpolation import FlowInterpolator, interpolate, load_interpolator

@@ -11,7 +11,7 @@ from typing import Any
 
 from ...core.errors import UsageError, class_and_message
 from ...core.plugins import called
-from ...core.processes import user_script
+from ...core.user_script import user_script
 from ...metrics.rows import CLEAN
 from ..computation import FinishedUnit
 from ..plan import Job, Unit

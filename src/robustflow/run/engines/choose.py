@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import multiprocessing
+import os
 from collections.abc import Sequence
 from dataclasses import replace
 
 from ...core.arguments import check_count, check_positive
 from ...core.errors import UsageError, unknown_name
 from ...core.plugins import require
-from ...core.processes import available_processors, forks_children, may_have_children
+from ...core.processes import forks_children
 from ...core.text import counted
+from ...core.user_script import may_have_children
 from ...models.devices import devices_of
 from ..plan import Job, Plan, Unit
 from .base import Engine, pickled
@@ -141,3 +143,8 @@ def _reason_for_one_process(job: Job) -> str:
     except UsageError as error:
         return f" (the {error.culprit} cannot be sent to another process)"
     return ""
+
+
+def available_processors() -> int:
+    """Return the number of processors this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

@@ -19,7 +19,8 @@ from multiprocessing.connection import Connection, wait
 from typing import Any
 
 from ...core.errors import ModelError
-from ...core.processes import Child, one_opencv_thread, preload
+from ...core.opencv import one_opencv_thread
+from ...core.processes import Child, preload
 from ...models.calls import describe_cell
 from ..computation import FinishedUnit
 from ..plan import NO_MODEL, Job, Unit

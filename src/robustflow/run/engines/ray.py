@@ -17,8 +17,9 @@ from dataclasses import dataclass, replace
 from typing import Any
 from uuid import uuid4
 
+from ...core.environment import ONE_THREAD
 from ...core.errors import RunError, UsageError
-from ...core.processes import ONE_THREAD, rebuilt
+from ...core.processes import rebuilt
 from ...core.text import first_of
 from ...models.calls import describe_cell
 from ...models.devices import device_of, is_accelerator

@@ -17,8 +17,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from ...core.environment import keep_freed_memory
 from ...core.errors import DataError, RunError, UsageError, options_named
-from ...core.processes import keep_freed_memory
 from ...core.version import VERSION
 
 if TYPE_CHECKING:

@@ -1,4 +1,7 @@
-"""Connect to an existing Ray cluster, or start one on this machine that ends with the run."""
+"""Connect to an existing Ray cluster, or start one on this machine that ends with the run.
+
+What is set in `ray._private` and in `_py_driver_sys_path` has no public counterpart in Ray 2.54 to 2.60.
+"""
 
 from __future__ import annotations
 
@@ -13,10 +16,10 @@ from collections.abc import Iterable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from typing import Any
 
+from ...core.environment import environment_variables, safe_path
 from ...core.errors import RobustFlowError, RunError, UsageError
 from ...core.files import scratch_folder
 from ...core.plugins import require
-from ...core.processes import environment_variables, safe_path
 from . import ray_watch
 
 REACH_S = 10.0
