@@ -101,7 +101,7 @@ def test_a_data_set_is_a_sequence(tmp_path):
         picture(tmp_path / f"{number}.png")
     pairs = load_dataset("folder", tmp_path)
     assert len(pairs) == 3
-    assert repr(pairs) == "<FrameFolder: 3 pairs, no ground truth>"
+    assert repr(pairs) == "<OwnFrames: 3 pairs, no ground truth>"
     assert [sample.key for sample in pairs] == pairs.keys() == ["0", "1", "2"]
     assert (pairs[0].key, pairs[-1].key, pairs["1"].key) == ("0", "2", "1")
     with pytest.raises(IndexError):

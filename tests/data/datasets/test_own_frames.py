@@ -271,7 +271,7 @@ def test_what_was_recognised_is_part_of_the_identity(tmp_path: Path) -> None:
 def test_a_limit_compares_only_the_chosen_pairs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     seen: list[Path] = []
     monkeypatch.setattr(
-        "robustflow.data.datasets.folder.read_image", lambda path: seen.append(path) or read_image(path)
+        "robustflow.data.datasets.own_frames.read_image", lambda path: seen.append(path) or read_image(path)
     )
     benchmark = load_benchmark("folder", frames(tmp_path, film("{n:02}", [*range(20)])))
     assert len(benchmark.narrowed(limit=2).keys) == 2

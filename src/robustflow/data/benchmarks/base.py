@@ -15,8 +15,8 @@ from ...corruptions import CLIP, SEVERITIES, Corruption, corruption_names, load_
 from ...corruptions.condition import Condition, condition_of
 from ...corruptions.registry import ON_DISK, with_families
 from ..datasets.base import Dataset, Depths, PreCorrupted, no_depth
-from ..datasets.continuity import continuous
 from ..datasets.own import OwnDepth
+from ..datasets.own_frames import continuous
 from ..datasets.still import Still
 from .facts import NEUTRAL, NON_OCCLUDED, BenchmarkFacts, check_still, facts_of_still, still_name
 
@@ -97,7 +97,7 @@ class Benchmark:
     ) -> Benchmark:
         """Return the same benchmark with fewer or different corruptions or severities, or fewer samples (`spread`).
 
-        Pairs of a user's own frames that are not consecutive are left out (`continuity`). Names of families and "all"
+        Pairs of a user's own frames that are not consecutive are left out (`own_frames`). Names of families and "all"
         stand for the benchmark's corruptions. With attacks but without corruptions, only
         the attacks are run. Random noise of the same norms is added as a baseline.
 

@@ -7,23 +7,16 @@ match is the fraction of such pixels, on frames scaled to `_WIDTH`. On real foot
 
 from __future__ import annotations
 
-import warnings
-from collections.abc import Callable, Hashable, Sequence
+from collections.abc import Callable, Hashable, Mapping, Sequence
 from functools import lru_cache
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
 
-from ...core.arguments import choice
 from ...core.errors import DataError
 from ...core.opencv import one_opencv_thread
-from ...core.text import counted
 from ...core.types import Frame
-from .base import Dataset
-from .pairs import Samples
-from .still import SharesFrames
 
 _WIDTH = 128
 _LEAST_SIDE = 32
@@ -101,92 +94,32 @@ def _mean(values: Any) -> Any:
     return cv2.boxFilter(values, -1, _WINDOW)
 
 
-class OwnFrames(Samples):
-    """Base class of datasets of a user's frames without ground truth.
-
-    Attributes:
-        notices: what was recognised or left out when the dataset was opened, as parts of one sentence.
-        recognised: options that were chosen by what was recognised, for the identity of runs.
-        gaps: "skip", or "keep" to keep pairs of frames that are not consecutive.
-        independent: whether no frame belongs to two pairs.
-        irregular: keys of the pairs that were left out because of their numbers or times.
-    """
-
-    where: Path
-    gaps: str
-    independent = False
-
-    def __init__(self, where: Path, gaps: str, read: Callable[[Any], Frame]) -> None:
-        self.where, self.gaps = where, choice("gaps", gaps, GAPS)
-        self._read = read
-        self.notices: list[str] = []
-        self.recognised: dict[str, str] = {}
-        self.irregular: list[str] = []
-        self._faults: dict[str, str] = {}
-
-    def keep(self, keys: Sequence[str]) -> None:
-        """Leave out all other pairs."""
-        raise NotImplementedError
-
-    def faults(self, keys: Sequence[str]) -> dict[str, str]:
-        """Compare the frames of pairs; return the pairs that are no consecutive frames, with the reason."""
-        assert isinstance(self, SharesFrames)
-        assert isinstance(self, Dataset)
-        pairs = {key: self.frame_names(key) for key in self.keys()}
-        before = {second: first for first, second in pairs.values()}
-        after = dict(pairs.values())
-
-        @lru_cache(_KEPT_FRAMES)
-        def sketch(name: Hashable) -> Sketch:
-            return sketch_of(self._read, name)
-
-        @lru_cache(_KEPT_FRAMES)
-        def matching(first: Hashable, second: Hashable) -> float:
-            return match(sketch(first), sketch(second))
-
-        def fault(first: Hashable, second: Hashable) -> str:
-            if sketch(first).content == sketch(second).content:
-                return REPEATED
-            if (own := matching(first, second)) >= NO_MATCH:
-                return ""
-            around = [matching(before[first], first)] if first in before else []
-            around += [matching(second, after[second])] if second in after else []
-            is_cut = min(around, default=0.0) >= MATCH and own < _RELATIVE * min(around)
-            return CUT if is_cut else UNLIKE
-
-        for key in keys:
-            if key not in self._faults:
-                self._faults[key] = fault(*pairs[key])
-        return {key: self._faults[key] for key in keys if self._faults[key]}
+REPEATED, CUT, UNLIKE = "a repeated frame", "a cut", "no content"
 
 
-GAPS = ("skip", "keep")
-IRREGULAR, REPEATED, CUT, UNLIKE = "a gap or change of the frame interval", "a repeated frame", "a cut", "no content"
+def faults(
+    pairs: Mapping[str, tuple[Hashable, Hashable]], keys: Sequence[str], read: Callable[[Any], Frame]
+) -> dict[str, str]:
+    """Compare the frames of some of the pairs; return for each why its frames are not consecutive, "" if they are."""
+    before = {second: first for first, second in pairs.values()}
+    after = dict(pairs.values())
 
+    @lru_cache(_KEPT_FRAMES)
+    def sketch(name: Hashable) -> Sketch:
+        return sketch_of(read, name)
 
-def continuous(dataset: Dataset, keys: Sequence[str], compare: bool = True) -> list[str]:
-    """Return the keys of the pairs of consecutive frames, and say in one line what was recognised and left out. Only
-    pairs of a user's own frames are left out.
+    @lru_cache(_KEPT_FRAMES)
+    def matching(first: Hashable, second: Hashable) -> float:
+        return match(sketch(first), sketch(second))
 
-    Raises:
-        DataError: no pair remains.
-    """
-    if not isinstance(dataset, OwnFrames):
-        return list(keys)
-    faults = dataset.faults(keys) if compare and dataset.gaps == "skip" else {}
-    by_reason: dict[str, list[str]] = {}
-    for key, reason in (dict.fromkeys(dataset.irregular, IRREGULAR) | faults).items():
-        by_reason.setdefault(reason, []).append(key)
-    unlike = by_reason.pop(UNLIKE, [])
-    notices = list(dataset.notices)
-    if by_reason:
-        counts = (f"{counted(len(out), 'pair')} across {reason} ({out[0]})" for reason, out in by_reason.items())
-        notices.append(f"{', '.join(counts)} left out (-D gaps=keep keeps them)")
-    if unlike and (dataset.independent or 2 * len(unlike) > len(keys)):  # the motion of a film can be too fast
-        notices.append(f"the frames of {counted(len(unlike), 'pair')} share no content ({', '.join(unlike[:3])})")
-    if notices:
-        warnings.warn(f"{dataset.where}: {'; '.join(notices)}", stacklevel=3)
-    kept = [key for key in keys if faults.get(key, UNLIKE) == UNLIKE]
-    if not kept:
-        raise DataError(dataset.where, "no pair of consecutive frames; check the frames, or give -D gaps=keep")
-    return kept
+    def fault(first: Hashable, second: Hashable) -> str:
+        if sketch(first).content == sketch(second).content:
+            return REPEATED
+        if (own := matching(first, second)) >= NO_MATCH:
+            return ""
+        around = [matching(before[first], first)] if first in before else []
+        around += [matching(second, after[second])] if second in after else []
+        is_cut = min(around, default=0.0) >= MATCH and own < _RELATIVE * min(around)
+        return CUT if is_cut else UNLIKE
+
+    return {key: fault(*pairs[key]) for key in keys}

@@ -8,11 +8,12 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Container, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
 from statistics import median
+from typing import Any
 
 from ...media.images import are_decimals, natural_order
 
@@ -40,21 +41,16 @@ IRREGULAR = 1.5
 
 @dataclass(frozen=True)
 class Film:
-    """Frames of one sequence in order, with their numbers or times, () if the names have none."""
+    """Frames of one sequence in order, as paths or as numbers in a video, with the numbers or times in their names, ()
+    if they have none."""
 
-    frames: tuple[Path, ...]
+    frames: tuple[Any, ...]
     numbers: tuple[float, ...] = ()
     timed: bool = False
 
     def gaps(self) -> set[int]:
         """Return the places i for which frames i and i + 1 are not the usual interval apart."""
         return irregular(self.numbers, self.timed)
-
-    def within(self, chosen: Container[Path]) -> Film:
-        """Return the film with only the chosen frames, which follow each other."""
-        places = [place for place, frame in enumerate(self.frames) if frame in chosen]
-        numbers = tuple(self.numbers[place] for place in places) if self.numbers else ()
-        return replace(self, frames=tuple(self.frames[place] for place in places), numbers=numbers)
 
     def couples(self) -> list[Film]:
         """Return the frames as pairs that do not overlap."""

@@ -117,6 +117,10 @@ class PairDataset(Samples):
         return read_frames((first, *self.frame_files(key, [offset])))[1]
 
     def frame_files(self, key: str, offsets: Iterable[int]) -> list[Path]:
+        return self.frames_around(key, offsets)
+
+    def frames_around(self, key: str, offsets: Iterable[int]) -> list[Path]:
+        """Return the names of the frames at some offsets, in ascending order without duplicates."""
         ordered = sorted(set(offsets))
         first, second = self.pair(key).frames
         ahead, back = self._directions(first, second)

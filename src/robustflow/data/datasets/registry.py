@@ -30,7 +30,7 @@ _TARGETS = {
     "flyingthings3d": "in_files:FlyingThings3D",
     "tartanair": "rendered:TartanAir",
     "gopro": "in_files:GoPro",
-    "folder": "folder:open_folder",
+    "folder": "own_frames:open_folder",
     "shapes": "shapes.dataset:FlyingShapes",
     "kitti_fc_released": "released:KittiFCReleased",
     "gopro_fc_prepared": "gopro_fc:GoProFCPrepared",
@@ -42,7 +42,7 @@ for _name, _target in _TARGETS.items():
 
 def load_dataset(name: str, root: str | Path | None = None, **options: Any) -> Dataset:
     """Open a dataset. In a user's own frames, all pairs are compared, and left out if they are not consecutive frames
-    (`continuity`).
+    (`own_frames`).
 
     Args:
         name: name in `DATASETS`.
@@ -61,7 +61,7 @@ def load_dataset(name: str, root: str | Path | None = None, **options: Any) -> D
     """
     dataset = open_dataset(name, root, **options)
     if name == OWN_FRAMES:
-        from .continuity import OwnFrames, continuous
+        from .own_frames import OwnFrames, continuous
 
         if isinstance(dataset, OwnFrames):
             dataset.keep(continuous(dataset, dataset.keys()))

@@ -168,7 +168,7 @@ def _read(dataset: Dataset, key: str, labelled: bool) -> tuple[tuple[Frame, Fram
     ground truth has no valid pixels."""
     flow: Flow | None
     valid: Mask | None
-    if isinstance(dataset, PairDataset):
+    if isinstance(dataset, PairDataset) and dataset.has_flow:
         pair = dataset.pair(key)
         first, second = read_frames(pair.frames)
         truth = dataset.training_truth(pair)
