@@ -15,7 +15,7 @@ from ..core.errors import UsageError
 from ..core.types import Sample
 from ..corruptions import Corruption
 from ..data.benchmarks.paper import DEMO_CLASSES
-from ..data.datasets.folder import Video
+from ..data.datasets.folder import open_folder
 from ..data.datasets.motorcycle import Motorcycle
 
 DEMO = "demo"
@@ -46,7 +46,7 @@ def one_pair(name: str, pair: Sample, classes: Mapping[str, type[Corruption]] = 
 
 def clip_pairs(name: str, path: Path, folder: Path) -> PairSource:
     """Make a source of the pairs of adjacent frames in a video file inside `folder`."""
-    video = Video(path)
+    video = open_folder(path)
     keys = video.keys()
     return PairSource(name, len(keys), lambda index: video.load(keys[index]), folder=folder)
 

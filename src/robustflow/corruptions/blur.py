@@ -15,9 +15,9 @@ from ..core.compiled import njit
 from ..core.errors import AssetError, DataError, UsageError
 from ..core.files import read_bounded
 from ..core.paths import user_path
-from ..core.pickle_scan import load_tensors
 from ..core.plugins import require
 from ..core.rng import Rng, hash64
+from ..core.tensor_file import load_tensors
 from ..core.types import Frame
 from .corruption import Corruption
 from .kernels.disk import convolve_disk

@@ -30,7 +30,7 @@ _TARGETS = {
     "flyingthings3d": "in_files:FlyingThings3D",
     "tartanair": "rendered:TartanAir",
     "gopro": "in_files:GoPro",
-    "folder": "own_frames:open_folder",
+    "folder": "folder:open_folder",
     "shapes": "shapes.dataset:FlyingShapes",
     "kitti_fc_released": "released:KittiFCReleased",
     "gopro_fc_prepared": "gopro_fc:GoProFCPrepared",

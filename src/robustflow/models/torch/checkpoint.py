@@ -12,8 +12,7 @@ from torch import Tensor, nn
 
 from ...core.errors import ModelError
 from ...core.paths import user_path
-from ...core.pickle_opcodes import RefusedError
-from ...core.pickle_scan import load_tensors
+from ...core.tensor_file import RefusedError, load_tensors
 from ..model_file import damaged, opened
 
 HELD_AS = ("state_dict", "model_state_dict", "model")

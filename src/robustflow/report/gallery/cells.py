@@ -113,7 +113,8 @@ class ClipPart:
     def __init__(self, path: Path, start: str | None = None, stop: str | None = None, shown: int = SHOWN) -> None:
         if not 2 <= shown <= MOST_SHOWN:
             raise UsageError("--length", f"{shown} frames cannot be shown: choose 2 to {MOST_SHOWN}")
-        from ...data.datasets.own_frames import continuous, open_folder
+        from ...data.datasets.folder import open_folder
+        from ...data.datasets.own_frames import continuous
         from ...data.video.variants import frame_rate  # imports PyAV, which the page of a run does not need
 
         self._data = open_folder(path, 1, start, stop)
