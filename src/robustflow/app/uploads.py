@@ -17,7 +17,7 @@ from starlette.types import Message
 from ..core.errors import DataError, RobustFlowError, UsageError
 from ..core.paths import VIDEO_SUFFIXES
 from ..core.types import Sample
-from ..data.datasets.pairs import read_frames
+from ..data.datasets.pair_files import read_frames
 from ..data.video.container import main_stream, open_video
 from ..media.flow import read_flow
 from ..media.images import IMAGE_SUFFIXES, stored_size

@@ -124,9 +124,9 @@ def unknown_name(kind: str, name: str, known: Iterable[str]) -> UsageError:
     unknown metric 'error'. Known: epe, cre
     """
     names = list(known)
-    as_lower = {each.lower(): each for each in reversed(names)}
-    longer = [each for each in names if len(name) > 2 and name.lower() in each.lower()][:3]
-    close = longer or [as_lower[each] for each in get_close_matches(name.lower(), as_lower, n=1, cutoff=0.5)]
+    as_lower = {candidate.lower(): candidate for candidate in reversed(names)}
+    longer = [candidate for candidate in names if len(name) > 2 and name.lower() in candidate.lower()][:3]
+    close = longer or [as_lower[candidate] for candidate in get_close_matches(name.lower(), as_lower, n=1, cutoff=0.5)]
     hint = f": did you mean {' or '.join(map(repr, close))}?" if close else "."
     error = UsageError(f"unknown {kind} '{name}'{hint} Known: {', '.join(names) or 'none'}")
     error.culprit = name

@@ -86,14 +86,14 @@ class Registry(Generic[T]):
     def unknown(self, name: str) -> UsageError:
         """Return the error for a name that is not registered. Names for which the user's list stands (`also`) are
         proposed, too, and a text with several known names is recognised."""
-        known = [*self.names(), *self.also]
+        names = [*self.names(), *self.also]
         parts = [part for part in re.split(r"[,\s]+", name) if part]
-        if len(parts) > 1 and set(parts) <= set(known):
+        if len(parts) > 1 and set(parts) <= set(names):
             form = self._separator.join(parts) if names_options() else parts
             return UsageError(name, f"several names of {self.kind}s in one; write {form}")
         if name in self.also:
             return UsageError(name, f"stands for several {self.kind}s; give the name of one")
-        return unknown_name(self.kind, name, known)
+        return unknown_name(self.kind, name, names)
 
     def _imported(self, name: str) -> Any:
         target = self._targets[name]
@@ -274,13 +274,17 @@ def parameters_of(function: Callable[..., Any]) -> Mapping[str, inspect.Paramete
 def accepts(function: Callable[..., Any], option: str) -> bool:
     """Return whether a callable accepts an option."""
     parameters = parameters_of(function)
-    return option in parameters or any(one.kind is one.VAR_KEYWORD for one in parameters.values())
+    return option in parameters or any(parameter.kind is parameter.VAR_KEYWORD for parameter in parameters.values())
 
 
 def needed_options(factory: Callable[..., Any]) -> list[str]:
     """Return the names of a factory's required options."""
     by_name = (inspect.Parameter.POSITIONAL_OR_KEYWORD, inspect.Parameter.KEYWORD_ONLY)
-    return [key for key, one in parameters_of(factory).items() if one.kind in by_name and one.default is one.empty]
+    return [
+        key
+        for key, parameter in parameters_of(factory).items()
+        if parameter.kind in by_name and parameter.default is parameter.empty
+    ]
 
 
 def check_options(factory: Callable[..., Any], what: str, options: Collection[str], flag: str) -> None:

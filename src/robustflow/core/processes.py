@@ -256,9 +256,9 @@ def _exit_when_closed(watched: Connection) -> None:
 
 def rebuilt(kind: str, message: str, trace: str, culprit: str = "") -> Exception:
     """Return a child's exception with its traceback as the cause."""
-    known: Any = getattr(errors, kind, None)
-    if isinstance(known, type) and issubclass(known, RobustFlowError):
-        error: Exception = known(message)
+    raised: Any = getattr(errors, kind, None)
+    if isinstance(raised, type) and issubclass(raised, RobustFlowError):
+        error: Exception = raised(message)
         vars(error)["culprit"] = errors.as_argument(culprit)
     else:
         error = RuntimeError(f"{kind} in a worker process: {message}\n{trace}")

@@ -129,8 +129,8 @@ class _Source:
             self._add_cell(code.co_filename, where)
         held = {"defaults": function.__defaults__, "named": function.__kwdefaults__}
         held |= zip(code.co_freevars, (cell.cell_contents for cell in function.__closure__ or ()), strict=True)
-        known = {} if in_module else function.__globals__
-        held |= {variable: known[variable] for variable in {*_names(code)} & known.keys()}
+        variables = {} if in_module else function.__globals__
+        held |= {variable: variables[variable] for variable in {*_names(code)} & variables.keys()}
         return f"{name}:{[*code.co_positions()]}:{self._held(held, where, in_module)}"
 
     def _held(self, values: dict[str, Any], where: str, in_module: bool) -> str:

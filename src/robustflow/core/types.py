@@ -121,7 +121,7 @@ class SceneDepth:
 
     def __post_init__(self) -> None:
         arrays = (*self.maps, *self.measured)
-        if not (len(self.maps) == len(self.measured) == 2 and all(isinstance(each, np.ndarray) for each in arrays)):
+        if not (len(self.maps) == len(self.measured) == 2 and all(isinstance(array, np.ndarray) for array in arrays)):
             raise DataError("depth", "give two NumPy maps, one for each frame, and their two masks")
         shape = self.maps[0].shape
         for number, (depth, measured) in enumerate(zip(self.maps, self.measured, strict=True), 1):

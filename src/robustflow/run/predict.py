@@ -16,7 +16,7 @@ from ..core.types import Flow
 from ..data.datasets import load_dataset
 from ..data.datasets.base import Dataset
 from ..data.datasets.clips import window_on
-from ..data.datasets.pairs import PairDataset, PairFiles
+from ..data.datasets.pair_files import PairDataset, PairFiles
 from ..data.video.clip import write_clip
 from ..data.video.codec import I420, crf, rgb_to_i420
 from ..media.colours import flow_colours, flow_radius

@@ -21,7 +21,7 @@ from ..corruptions.corruption import Corruption
 from ..corruptions.registry import SHIPPED
 from ..data.datasets.base import Clips, PreCorrupted
 from ..data.datasets.clips import ContextFrames
-from ..data.datasets.own import load_checked
+from ..data.datasets.own_dataset import load_checked
 from ..metrics.regions import Regions
 from ..metrics.rows import CLEAN
 from ..models.calls import describe_cell, describe_cells, predict_batch_checked, predict_checked, predict_clip_checked

@@ -13,8 +13,8 @@ import numpy as np
 from ..core.errors import RobustFlowError, UsageError
 from ..core.types import Sample
 from ..data.datasets.base import DatasetFacts
-from ..data.datasets.own import check_members, check_sample
-from ..data.datasets.pairs import Samples
+from ..data.datasets.own_dataset import check_members, check_sample
+from ..data.datasets.pair_files import Samples
 from ..metrics.photometric import misread_truth
 from .extensions import require
 

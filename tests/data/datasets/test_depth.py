@@ -16,7 +16,7 @@ from robustflow.core.types import Camera, Sample
 from robustflow.data.datasets import load_dataset
 from robustflow.data.datasets.base import Depths
 from robustflow.data.datasets.depth import carried, completed, scene_depth
-from robustflow.data.datasets.own import OwnDepth
+from robustflow.data.datasets.own_depth import OwnDepth
 from robustflow.data.datasets.shapes.render import layer_depths
 from robustflow.data.datasets.still import Still
 from robustflow.media.images import write_image

@@ -15,7 +15,7 @@ from ...corruptions import CLIP, SEVERITIES, Corruption, corruption_names, load_
 from ...corruptions.condition import Condition, condition_of
 from ...corruptions.registry import ON_DISK, with_families
 from ..datasets.base import Dataset, Depths, PreCorrupted, no_depth
-from ..datasets.own import OwnDepth
+from ..datasets.own_depth import OwnDepth
 from ..datasets.own_frames import continuous
 from ..datasets.still import Still
 from .facts import NEUTRAL, NON_OCCLUDED, BenchmarkFacts, check_still, facts_of_still, still_name

@@ -19,7 +19,8 @@ from ...core.plugins import Registry, called, import_target, is_target
 from ...corruptions import IMAGE_PAIR
 from ..datasets import DATASETS, PreCorrupted, dataset_facts
 from ..datasets.base import OWN_FRAMES, facts_of
-from ..datasets.own import OwnDepth, check_members, open_own_dataset, own_source
+from ..datasets.own_dataset import check_members, open_own_dataset, own_source
+from ..datasets.own_depth import OwnDepth
 from ..datasets.registry import open_dataset
 from ..datasets.split import read_split, selected
 from .base import Benchmark

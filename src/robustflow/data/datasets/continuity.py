@@ -81,9 +81,9 @@ def _match(a: Any, b: Any, shift: Sequence[float]) -> float:
     x, y = x + ahead[..., 0], y + ahead[..., 1]
     inside = (x >= 0) & (x <= width - 1) & (y >= 0) & (y <= height - 1)
     way_back = np.hypot(*np.moveaxis(ahead + cv2.remap(back, x, y, cv2.INTER_LINEAR), 2, 0))
-    one, other = a.astype(np.float32), cv2.remap(b, x, y, cv2.INTER_LINEAR).astype(np.float32)
-    (mean, mean_of_other), mean_of_product = map(_mean, (one, other)), _mean(one * other)
-    variance, variance_of_other = _mean(one * one) - mean**2, _mean(other * other) - mean_of_other**2
+    here, there = a.astype(np.float32), cv2.remap(b, x, y, cv2.INTER_LINEAR).astype(np.float32)
+    (mean, mean_of_other), mean_of_product = map(_mean, (here, there)), _mean(here * there)
+    variance, variance_of_other = _mean(here * here) - mean**2, _mean(there * there) - mean_of_other**2
     floor = np.maximum(variance, _LEAST_VARIANCE) * np.maximum(variance_of_other, _LEAST_VARIANCE)
     alike = (mean_of_product - mean * mean_of_other) / np.sqrt(floor) > _LEAST_CORRELATION
     alike |= (variance < _LEAST_VARIANCE) & (variance_of_other < _LEAST_VARIANCE)

@@ -161,11 +161,11 @@ Matrix = npt.NDArray[np.float64]
 
 def relative_motion(first: Matrix, second: Matrix) -> tuple[Matrix, Matrix]:
     """Return the rotation (3, 3) and translation (3,) between two frames, see `Camera`."""
-    one, other = first.tolist(), second.tolist()
-    rotation = [[sum(a * b for a, b in zip(row[:3], column[:3], strict=True)) for column in one] for row in other]
+    before, after = first.tolist(), second.tolist()
+    rotation = [[sum(a * b for a, b in zip(row[:3], column[:3], strict=True)) for column in before] for row in after]
     translation = [
-        row[3] - sum(a * column[3] for a, column in zip(turned, one, strict=True))
-        for row, turned in zip(other, rotation, strict=True)
+        row[3] - sum(a * column[3] for a, column in zip(turned, before, strict=True))
+        for row, turned in zip(after, rotation, strict=True)
     ]
     return np.array(rotation), np.array(translation)
 

@@ -17,7 +17,7 @@ from .arrangement import CONSECUTIVE, arranged
 from .base import described
 from .frame_names import without_maps
 from .own_frames import FACTS, OwnFrames
-from .pairs import Position, position
+from .pair_files import Position, position
 
 GAPS = ("skip", "keep")
 

@@ -40,7 +40,7 @@ from ...media.flow import read_flow
 from .base import DatasetFacts
 from .depth import SKY, carried, check_size, depth_of, existing, scene_depth, with_motion
 from .layout import Layout, LayoutDataset
-from .pairs import PairFiles, Truth
+from .pair_files import PairFiles, Truth
 
 _TABLES = {
     "kitti2015": ("kitti2015", 200),
@@ -65,11 +65,11 @@ def drive_groups(dataset: str) -> Mapping[str, str]:
     if dataset not in _TABLES:
         return {}
     table, count = _TABLES[dataset]
-    known, groups = drives(dataset), dict[str, str]()
-    for has_drive, run in groupby((f"{number:06d}" for number in range(count)), key=known.__contains__):
+    drive_of, groups = drives(dataset), dict[str, str]()
+    for has_drive, run in groupby((f"{number:06d}" for number in range(count)), key=drive_of.__contains__):
         members = list(run)
         if has_drive:
-            groups |= {pair: known[pair] for pair in members}
+            groups |= {pair: drive_of[pair] for pair in members}
         else:
             block = dict.fromkeys((members[0], members[-1])) if table == "kitti2015" else ()
             groups |= dict.fromkeys(members, "_".join(("unmapped", *block)))
@@ -77,9 +77,9 @@ def drive_groups(dataset: str) -> Mapping[str, str]:
 
 
 def related(first: Iterable[str], second: Iterable[str]) -> list[str]:
-    known = drives("kitti2015")
-    others = {known[pair] for pair in second if pair in known}
-    return [pair for pair in first if known.get(pair) in others]
+    drive_of = drives("kitti2015")
+    others = {drive_of[pair] for pair in second if pair in drive_of}
+    return [pair for pair in first if drive_of.get(pair) in others]
 
 
 _BRIGHT, _DETAIL = 240, 5
@@ -95,8 +95,8 @@ def sky(frame: Frame, measured: Mask) -> Mask:
     """
     bright = cv2.morphologyEx((frame[..., 2] >= _BRIGHT).astype(np.uint8), cv2.MORPH_OPEN, np.ones((_DETAIL, _DETAIL)))
     count, areas = cv2.connectedComponents(bright, connectivity=4)
-    sizes, known = np.bincount(areas.ravel(), minlength=count), np.bincount(areas[measured], minlength=count)
-    is_sky = known < _MEASURED * sizes
+    sizes, measured_sizes = np.bincount(areas.ravel(), minlength=count), np.bincount(areas[measured], minlength=count)
+    is_sky = measured_sizes < _MEASURED * sizes
     is_sky[0] = False
     is_sky &= np.isin(np.arange(count), areas[0])
     return np.asarray(is_sky[areas])

@@ -17,7 +17,7 @@ from ...core.paths import locate, partner, user_path
 from .base import DatasetFacts
 from .kitti import drives
 from .layout import Layout, LayoutDataset
-from .pairs import PairFiles
+from .pair_files import PairFiles
 
 
 class KittiRaw(LayoutDataset):
@@ -51,22 +51,24 @@ class KittiRaw(LayoutDataset):
         if words["listing"]:
             return root, _listed(root, user_path(words["listing"]))
         drive = r"\d{4}_\d\d_\d\d_drive_\d{4}(_sync)?"
-        found = {
+        places = {
             place
             for pattern in ("*", "*/*")
             for place in root.glob(pattern)
             if place.is_dir() and re.fullmatch(drive, place.name)
         }
-        if not found:
+        if not places:
             raise DataError(root, f"not laid out like KITTI raw; expected {self.facts.layout}; check the path")
-        known = {*drives("kitti2015").values(), *drives("kitti2012").values()} if words["drives"] == "apart" else set()
+        related = (
+            {*drives("kitti2015").values(), *drives("kitti2012").values()} if words["drives"] == "apart" else set()
+        )
         pairs: dict[str, PairFiles] = {}
-        for place in sorted(place for place in found if place.name.removesuffix("_sync") not in known):
+        for place in sorted(place for place in places if place.name.removesuffix("_sync") not in related):
             for images in self.cameras[words["camera"]]:
                 for kind in ("png", "jpg"):
                     pairs |= self.layout.pairs(place.parent, drive=place.name, images=images, type=kind)
         if not pairs:
-            raise DataError(root, f"no pair in its {len(found)} drives apart from those of KITTI; give drives=all")
+            raise DataError(root, f"no pair in its {len(places)} drives apart from those of KITTI; give drives=all")
         return root, pairs
 
 
@@ -121,8 +123,8 @@ class KittiMultiview(LayoutDataset):
         for part, images in markers:
             if not (folder / part / images).is_dir():
                 raise DataError(folder / part / images, "no such folder; unpack all of data_scene_flow_multiview.zip")
-            found = self.layout.pairs(folder, part=part, images=images).items()
-            pairs |= {k: p for k, p in found if not any(frame.stem.endswith(EVALUATED) for frame in p.frames)}
+            more = self.layout.pairs(folder, part=part, images=images).items()
+            pairs |= {k: p for k, p in more if not any(frame.stem.endswith(EVALUATED) for frame in p.frames)}
         if not pairs:
             raise DataError(folder, "no pair of frames but 09 to 12; unpack data_scene_flow_multiview.zip there")
         return folder, pairs

@@ -19,7 +19,7 @@ from ...core.arguments import choice
 from ...core.errors import DataError
 from ...core.paths import consecutive, locate, partner, user_path
 from .base import DatasetFacts
-from .pairs import PairDataset, PairFiles
+from .pair_files import PairDataset, PairFiles
 
 _FIELD = re.compile(r"\{(\w+)(?::0(\d+))?\}")
 
@@ -81,19 +81,19 @@ class Layout:
             for n, m in self._numbers(frames, flows, ahead):
                 at |= {"n": n, "m": m}
                 whose = frames.get(n) or frames.get(m) or flows[n]
-                one, other = (frames.get(i) or partner(base / _put(frame, at | {"n": i}), whose) for i in (n, m))
-                truth = flows.get(n) or partner(base / _put(flow, at), one) if flow else None
-                more = {name: partner(base / _put(pattern, at), truth or one) for name, pattern in maps.items()}
-                at["stem"] = one.stem
-                pairs[_put(self.key, at)] = PairFiles((one, other), truth, **more, group=_put(self.group, at))
+                first, second = (frames.get(i) or partner(base / _put(frame, at | {"n": i}), whose) for i in (n, m))
+                truth = flows.get(n) or partner(base / _put(flow, at), first) if flow else None
+                more = {name: partner(base / _put(pattern, at), truth or first) for name, pattern in maps.items()}
+                at["stem"] = first.stem
+                pairs[_put(self.key, at)] = PairFiles((first, second), truth, **more, group=_put(self.group, at))
         return pairs
 
     def _numbers(self, frames: Mapping[int, Path], flows: Mapping[int, Path], ahead: int) -> Iterable[tuple[int, int]]:
         if self.by_flow:
             return [(n, n + ahead) for n in flows]
         if self.first is not None:
-            known = {*frames, *flows} & {self.first, self.first + ahead}
-            return [(self.first, self.first + ahead)] if known else []
+            existing = {*frames, *flows} & {self.first, self.first + ahead}
+            return [(self.first, self.first + ahead)] if existing else []
         neighbours = following(frames) if self.stride == 0 else consecutive(frames, self.stride)
         return neighbours if ahead > 0 else [(m, n) for n, m in neighbours]
 
@@ -147,9 +147,9 @@ def matching(base: Path, pattern: str) -> dict[Parts, dict[int, Path]]:
     for segment in pattern.split("/"):
         places = _deeper(places, segment)
     files: dict[Parts, dict[int, Path]] = {}
-    for found, path in places:
-        parts = tuple(sorted((name, value) for name, value in found.items() if name not in ("n", "m")))
-        numbers, number = files.setdefault(parts, {}), int(found.get("n", _UNNUMBERED))
+    for fields, path in places:
+        parts = tuple(sorted((name, value) for name, value in fields.items() if name not in ("n", "m")))
+        numbers, number = files.setdefault(parts, {}), int(fields.get("n", _UNNUMBERED))
         if number in numbers:
             raise DataError(path, f"has the same number as {numbers[number].name}; remove one of the two")
         numbers[number] = path

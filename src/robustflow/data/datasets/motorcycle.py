@@ -19,7 +19,7 @@ from ...media.arrays import readable
 from ...media.images import read_image
 from .base import DatasetFacts
 from .depth import carried, scene_depth
-from .pairs import Samples
+from .pair_files import Samples
 
 _FOCAL, _CENTRE = 994.978, (311.193, 254.877)
 _BASELINE = 0.193001

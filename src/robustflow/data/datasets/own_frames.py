@@ -14,7 +14,7 @@ from ...media.images import read_image
 from .arrangement import Arrangement
 from .base import OWN_FRAMES, Dataset, DatasetFacts
 from .continuity import UNLIKE, faults
-from .pairs import PairDataset, PairFiles, too_few_frames
+from .pair_files import PairDataset, PairFiles, too_few_frames
 
 FACTS = DatasetFacts(
     title="Your own frames",

@@ -12,7 +12,7 @@ from ..video.reader import VideoReader
 from .arrangement import Arrangement
 from .frame_names import Film
 from .own_frames import OwnFrames
-from .pairs import Position, position
+from .pair_files import Position, position
 
 
 class OwnVideo(OwnFrames):

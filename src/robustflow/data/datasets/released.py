@@ -17,7 +17,7 @@ from ...core.types import Frame
 from .base import FC_PAPER, DatasetFacts
 from .kitti import KittiPairs
 from .layout import Layout, LayoutDataset
-from .pairs import PairFiles, read_frames
+from .pair_files import PairFiles, read_frames
 
 DISK_NAMES = {"high_light": "brightness"}
 """Corruptions whose folder names differ from the paper's names."""
@@ -41,8 +41,8 @@ class ReleasedPairs(LayoutDataset):
     def corrupted_files(self, key: str, corruption: str, severity: int) -> list[Path]:
         setting = self.root / f"{DISK_NAMES.get(corruption, corruption)}_{severity}"
         if not setting.is_dir():
-            known = ", ".join(map(str, self.severities(corruption))) or "none"
-            raise DataError(setting, f"no such folder; severities of {corruption} in this release: {known}")
+            available = ", ".join(map(str, self.severities(corruption))) or "none"
+            raise DataError(setting, f"no such folder; severities of {corruption} in this release: {available}")
         clean = self.root / "clean"
         return [partner(setting / frame.relative_to(clean), frame) for frame in self.pair(key).frames]
 

@@ -30,7 +30,7 @@ from ...core.types import Frame
 from ...corruptions.registry import ON_DISK, ON_DISK_PREFIX
 from .base import DatasetFacts
 from .layout import Layout, matching
-from .pairs import PairDataset, PairFiles, read_frames
+from .pair_files import PairDataset, PairFiles, read_frames
 
 CLEAN = "clean"
 
@@ -62,7 +62,7 @@ class ConditionPairs(PairDataset):
     def __init__(self, root: str | Path, condition: str = CLEAN, spring: str | Path | None = None) -> None:
         self.folder = condition_folder(root, choice("condition", condition, (CLEAN, *CORRUPTIONS)), spring)
         self._pairs_of: dict[str, dict[str, PairFiles]] = {direction: {} for direction in DIRECTIONS}
-        for sequence in (each.name for each in folders(self.folder) if re.fullmatch(r"\d{4}", each.name)):
+        for sequence in (folder.name for folder in folders(self.folder) if re.fullmatch(r"\d{4}", folder.name)):
             for side, (direction, pairs) in product(_SIDES, self._pairs_of.items()):
                 frames = self.folder / sequence / f"frame_{side}"
                 if not frames.is_dir():

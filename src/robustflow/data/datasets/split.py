@@ -107,11 +107,11 @@ def read_split(path: str | Path, keys: Sequence[str]) -> list[str]:
 
 
 def _listed(path: Path, entries: list[str], keys: Sequence[str]) -> set[str]:
-    known, chosen = set(keys), set[str]()
+    existing, chosen = set(keys), set[str]()
     for entry in entries:
-        if entry not in known:
+        if entry not in existing:
             close = get_close_matches(entry, keys, n=1) or [keys[0]]
-            lost = f"{sum(other not in known for other in entries)} of {len(entries)} are unknown"
+            lost = f"{sum(other not in existing for other in entries)} of {len(entries)} are unknown"
             raise DataError(path, f"no sample '{entry}' in the dataset ({lost}); did you mean '{close[0]}'?")
         if entry in chosen:
             raise DataError(path, f"'{entry}' is listed twice; list every key only once")

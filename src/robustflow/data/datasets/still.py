@@ -12,7 +12,7 @@ import numpy as np
 from ...core.errors import UsageError
 from ...core.types import Camera, Frame, Sample, SceneDepth
 from .base import Dataset, Depths, PreCorrupted, no_depth
-from .pairs import Samples
+from .pair_files import Samples
 
 SECOND = ":2"
 """Suffix of the key of a still scene made from the second frame of a pair."""
@@ -43,7 +43,7 @@ class Still(Samples):
         begin = {first: key for key, (first, _) in reversed(frames.items())}
         end = {second: key for key, (_, second) in reversed(frames.items()) if second not in begin}
         chosen = {*begin.values(), *(key + SECOND for key in end.values())}
-        self._keys = [each for key in frames for each in (key, key + SECOND) if each in chosen]
+        self._keys = [frame for key in frames for frame in (key, key + SECOND) if frame in chosen]
 
     def keys(self) -> list[str]:
         return list(self._keys)

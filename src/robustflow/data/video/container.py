@@ -50,13 +50,13 @@ def open_video(path: Path) -> Any:
 
 def main_stream(container: Any, path: Path) -> Any:
     """Return the video stream with the largest frames; others are previews. Cover pictures are no videos."""
-    streams = [one for one in container.streams.video if not one.disposition & Disposition.attached_pic]
+    streams = [stream for stream in container.streams.video if not stream.disposition & Disposition.attached_pic]
     if not streams:
         raise DataError(path, "has no video stream; check the file")
-    if any(one.codec_context is None for one in streams):
+    if any(stream.codec_context is None for stream in streams):
         raise DataError(path, "not a readable video (its codec is unknown); check or convert the file")
-    largest = max(one.codec_context.width * one.codec_context.height for one in streams)
-    first, *others = (one for one in streams if one.codec_context.width * one.codec_context.height == largest)
+    sizes = [stream.codec_context.width * stream.codec_context.height for stream in streams]
+    first, *others = (stream for stream, size in zip(streams, sizes, strict=True) if size == max(sizes))
     if others:
         raise DataError(path, f"has {1 + len(others)} videos of the same size; save each as a separate file")
     if first.metadata.get("alpha_mode") == "1":  # the decoder ignores it
@@ -96,7 +96,7 @@ def frame_times(container: Any, path: Path) -> tuple[list[int | None], list[int 
     if "mp4" in kind or kind == "avi":
         cut = packets < stream.frames
     elif kind == "mpegts":  # packets of one length; a file cut between two of them cannot be told from a shorter one
-        length = next((each for each in (188, 192, 204) if size % each == 0), 0)
+        length = next((length for length in (188, 192, 204) if size % length == 0), 0)
         cut = not length
         damaged |= not cut and not _in_step(path, length)
     elif kind == "matroska,webm":  # FFmpeg reads on after damage, and only logs it

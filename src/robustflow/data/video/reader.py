@@ -48,7 +48,7 @@ def upright(picture: Any, path: Path) -> Frame:
     quarter, rest = divmod(int(picture.rotation), 90)
     if rest:
         raise DataError(path, f"rotated by {picture.rotation} degrees; only multiples of 90 degrees are supported")
-    has_alpha = any(one.is_alpha for one in picture.format.components)
+    has_alpha = any(component.is_alpha for component in picture.format.components)
     if has_alpha and (picture.to_ndarray(format="rgba")[..., 3] < 255).any():
         raise transparent(path)
     frame = picture.to_ndarray(format="rgb24", interpolation=_EXACT_RGB)

@@ -16,7 +16,7 @@ from ...core.rng import Rng
 from ...core.types import Flow, Frame, Mask
 from ...corruptions.transform import CorruptionTransform
 from ...data.datasets.base import Dataset
-from ...data.datasets.pairs import PairDataset, read_frames
+from ...data.datasets.pair_files import PairDataset, read_frames
 from ...run.stages import memory_errors_named
 from ..augmentation.augment import (
     Augmentation,

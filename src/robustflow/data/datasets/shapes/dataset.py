@@ -11,7 +11,7 @@ from ....core.errors import UsageError
 from ....core.rng import Rng
 from ....core.types import Camera, Sample, SceneDepth
 from ..base import DatasetFacts
-from ..pairs import Samples
+from ..pair_files import Samples
 from .render import depths_of, render_pair
 from .scene import Scene, draw_scene
 from .textures import picture_textures, procedural_textures, texture_files

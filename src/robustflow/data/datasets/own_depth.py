@@ -1,26 +1,19 @@
-"""What a user brings: a dataset `module.path:Attribute`, checked and identified by its source; and depth maps.
-
-`--depth DIR`: the map of a frame `clip/frame_0001.png` is `DIR/clip/frame_0001` or `DIR/frame_0001` with the extension
-.png (16-bit grey, millimetres), .npy or .pfm (metres), unless `--depth-unit` states the unit. Pixels without a
-measurement are zero, NaN or infinite.
+"""A user's depth maps, `--depth DIR`: the map of a frame `clip/frame_0001.png` is `DIR/clip/frame_0001` or
+`DIR/frame_0001` with the extension .png (16-bit grey, millimetres), .npy or .pfm (metres), unless `--depth-unit` states
+the unit. Pixels without a measurement are zero, NaN or infinite.
 """
 
 from __future__ import annotations
 
 import hashlib
-import inspect
 import re
 from functools import cached_property
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from ...core.errors import DataError, UsageError
-from ...core.files import digest_of_bytes
 from ...core.paths import refuse_backslashes, user_path
-from ...core.plugins import called, check_options, import_target, source_of_target
-from ...core.source_digest import source_digest
 from ...core.types import Camera, Sample, SceneDepth
 from ...media.arrays import readable
 from ...media.depth import Values, read_depth_npy, read_depth_pfm, read_depth_png
@@ -75,7 +68,7 @@ class OwnDepth:
         return whole.hexdigest()
 
     def _maps(self, key: str) -> tuple[Path, Path]:
-        found = []
+        paths = []
         for frame in self._frames(key):
             path = self._map(frame)
             if path is None:
@@ -83,8 +76,8 @@ class OwnDepth:
                 raise DataError(self._folder, f"no depth map for {frame}; expected {names}")
             if (other := self._owners.get(path)) is not None and other != frame:
                 raise DataError(path, f"matches {other} and {frame}; put the maps into folders named like the frames'")
-            found.append(path)
-        return found[0], found[1]
+            paths.append(path)
+        return paths[0], paths[1]
 
     @cached_property
     def _owners(self) -> dict[Path, Path]:
@@ -127,59 +120,3 @@ def _per_metre(unit: str) -> float:
     if per_metre <= 0:
         raise UsageError("--depth-unit", f"{unit!r} is not a unit; give m, cm, mm, or m/N for N per metre, e.g. m/5000")
     return per_metre
-
-
-_GUIDE = "see the guide 'add your dataset'"
-_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_-]{0,59}")
-
-
-def open_own_dataset(target: str, options: dict[str, Any]) -> Dataset:
-    dataset = import_target(target, "dataset")
-    if inspect.isclass(dataset) or inspect.isroutine(dataset):
-        check_options(dataset, target, options, "-D")
-        opener = dataset
-        dataset = called(target, "its constructor", lambda: opener(**options))
-    elif options:
-        raise UsageError(target, f"a dataset object does not accept options; omit {', '.join(options)}")
-    check_members(dataset, target)
-    return dataset
-
-
-def check_members(dataset: Any, what: str) -> None:
-    for member in ("name", "has_flow", "keys", "load", "files"):
-        if not hasattr(dataset, member):
-            raise UsageError(what, f"not a dataset: it has no '{member}'; {_GUIDE}")
-    if not isinstance(dataset.name, str) or not _NAME.fullmatch(dataset.name):
-        raise UsageError(what, f"the name {dataset.name!r} is invalid: use only letters, digits, '_' and '-'")
-    keys = called(what, "keys()", dataset.keys)
-    if not isinstance(keys, list) or not keys or not all(isinstance(key, str) and key for key in keys):
-        raise UsageError(what, f"keys() must return a non-empty list of strings, not {keys!r:.60}")
-    if len(set(keys)) != len(keys):
-        raise UsageError(what, f"keys() returns '{next(k for k in keys if keys.count(k) > 1)}' twice")
-    check_sample(dataset, keys[0], what)
-
-
-def load_checked(dataset: Any, key: str, what: str = "") -> Sample:
-    what = what or f"the dataset '{dataset.name}'"
-    sample = called(what, f"load('{key}')", lambda: dataset.load(key))
-    if not isinstance(sample, Sample):
-        raise UsageError(what, f"load('{key}') returned {type(sample).__name__}; it must return a Sample")
-    if sample.key != key:
-        raise UsageError(what, f"load('{key}') returned the sample '{sample.key}'")
-    if (sample.flow is not None) != bool(dataset.has_flow):
-        state = "has ground truth" if sample.flow is not None else "has no ground truth"
-        raise UsageError(what, f"has_flow is {dataset.has_flow}, but sample '{key}' {state}")
-    return sample
-
-
-def check_sample(dataset: Any, key: str, what: str) -> Sample:
-    sample = load_checked(dataset, key, what)
-    files = called(what, f"files('{key}')", lambda: dataset.files(key))
-    if not isinstance(files, list) or not all(isinstance(path, Path) and path.is_file() for path in files):
-        raise UsageError(what, f"files('{key}') must return the paths of existing files, not {files!r:.80}")
-    return sample
-
-
-def own_source(target: str, made: object) -> str:
-    """Return a hash (16 hexadecimal digits) of the source of a user's object: its class, and the target's module."""
-    return digest_of_bytes(source_digest(type(made)).encode(), source_of_target(target) or b"", size=8)
