@@ -7,7 +7,6 @@ from importlib.resources import files
 from itertools import pairwise
 from pathlib import Path
 
-import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -167,15 +166,6 @@ def test_the_sky_of_shared_kitti_pairs_is_found_between_trees_and_not_on_facades
         assert max(found[box].mean() for box in HIDDEN) < 0.001
     assert sky(square.frames[0], square.valid).mean() < 0.001
     assert sky(street.frames[0], street.valid)[:, 480:].mean() < 0.001
-
-
-@pytest.mark.parametrize(("top", "step", "is_sky"), [(0, 0, True), (0, 2, False), (1, 0, False)])
-def test_sky_is_bright_reaches_the_upper_edge_and_is_not_measured(top, step, is_sky):
-    frame, measured = np.full((40, 60, 3), 90, np.uint8), np.zeros((40, 60), bool)
-    frame[top:30, 10:40] = 250
-    if step:
-        measured[20:30:step, 10:40:3] = True
-    assert sky(frame, measured).sum() == is_sky * 30 * 30
 
 
 @given(order=st.permutations(KEYS), seed=st.integers(0, 5))

@@ -328,12 +328,6 @@ def test_tartanair_masks_occluded_and_unseen_pixels(tmp_path: Path) -> None:
     path = place / "000001_000002_flow.npy"
     np.save(path, np.zeros((2, 2), np.float32))
     refusal(lambda: dataset.load(key), DataError, path)
-    for content in (b"no array", b""):
-        path.write_bytes(content)
-        refusal(lambda: dataset.load(key), DataError, path)
-    with open(path, "wb") as file:  # the header claims 8 TB
-        np.lib.format.write_array_header_1_0(file, {"descr": "<f4", "fortran_order": False, "shape": (10**6, 10**6, 2)})
-    refusal(lambda: dataset.load(key), DataError, path)
 
 
 def test_training_truth_ignores_maps_other_than_flow_where_possible(tmp_path: Path) -> None:
