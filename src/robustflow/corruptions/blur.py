@@ -17,8 +17,8 @@ from ..core.files import read_bounded
 from ..core.paths import user_path
 from ..core.plugins import require
 from ..core.rng import Rng, hash64
-from ..core.tensor_file import load_tensors
 from ..core.types import Frame
+from ..media.tensor_file import load_tensors
 from .corruption import Corruption
 from .kernels.disk import convolve_disk
 from .kernels.filters import FLOOR, gaussian_frame

@@ -7,10 +7,10 @@ from __future__ import annotations
 from pathlib import Path
 
 from ...core.errors import DataError
-from ...core.paths import locate
 from .base import NON_COMMERCIAL, DatasetFacts
 from .layout import Layout, LayoutDataset
 from .pair_files import PairFiles
+from .places import locate
 
 _SPLIT_FILES = ("FlyingChairs_train_val.txt", "chairs_split.txt")
 

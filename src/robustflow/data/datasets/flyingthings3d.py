@@ -5,10 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 
 from ...core.errors import DataError
-from ...core.paths import locate
 from .base import NON_COMMERCIAL, DatasetFacts
 from .layout import Layout, LayoutDataset
 from .pair_files import PairFiles
+from .places import locate
 
 
 class FlyingThings3D(LayoutDataset):

@@ -10,10 +10,11 @@ from pathlib import Path
 
 from ...core.arguments import check_count, choice
 from ...core.errors import DataError
-from ...core.paths import consecutive, folders, locate, user_path
+from ...core.paths import folders, user_path
 from .base import DatasetFacts
 from .layout import matching
 from .pair_files import PairDataset, PairFiles, pairs_at_step
+from .places import consecutive, locate
 
 _KINDS = ("sharp", "blur", "blur_gamma")
 

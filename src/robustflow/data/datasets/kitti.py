@@ -33,7 +33,6 @@ import cv2
 import numpy as np
 
 from ...core.errors import DataError
-from ...core.paths import locate
 from ...core.types import Camera, Frame, Mask, Sample, SceneDepth
 from ...media.depth import read_depth_png
 from ...media.flow import read_flow
@@ -41,6 +40,7 @@ from .base import DatasetFacts
 from .depth import SKY, carried, check_size, depth_of, existing, scene_depth, with_motion
 from .layout import Layout, LayoutDataset
 from .pair_files import PairFiles, Truth
+from .places import locate
 
 _TABLES = {
     "kitti2015": ("kitti2015", 200),

@@ -13,11 +13,12 @@ from pathlib import Path
 
 from ...core.arguments import choice
 from ...core.errors import DataError
-from ...core.paths import locate, partner, user_path
+from ...core.paths import user_path
 from .base import DatasetFacts
 from .kitti import drives
 from .layout import Layout, LayoutDataset
 from .pair_files import PairFiles
+from .places import locate, partner
 
 
 class KittiRaw(LayoutDataset):

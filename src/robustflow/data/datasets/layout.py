@@ -17,9 +17,10 @@ from typing import Any
 
 from ...core.arguments import choice
 from ...core.errors import DataError
-from ...core.paths import consecutive, locate, partner, user_path
+from ...core.paths import user_path
 from .base import DatasetFacts
 from .pair_files import PairDataset, PairFiles
+from .places import consecutive, locate, partner
 
 _FIELD = re.compile(r"\{(\w+)(?::0(\d+))?\}")
 

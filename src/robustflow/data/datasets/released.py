@@ -12,12 +12,13 @@ import re
 from pathlib import Path
 
 from ...core.errors import DataError
-from ...core.paths import folders, locate, partner
+from ...core.paths import folders
 from ...core.types import Frame
 from .base import FC_PAPER, DatasetFacts
 from .kitti import KittiPairs
 from .layout import Layout, LayoutDataset
 from .pair_files import PairFiles, read_frames
+from .places import locate, partner
 
 DISK_NAMES = {"high_light": "brightness"}
 """Corruptions whose folder names differ from the paper's names."""

@@ -9,7 +9,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from ...core.errors import DataError
-from ...core.paths import folders, locate
+from ...core.paths import folders
 from ...core.types import Camera, Mask, Sample, SceneDepth
 from ...media.depth import read_camera, read_dpt
 from ...media.flow import read_flow
@@ -18,6 +18,7 @@ from .base import DatasetFacts
 from .depth import existing, relative_motion, scene_depth
 from .layout import Layout, LayoutDataset
 from .pair_files import PairFiles, Truth
+from .places import locate
 
 _SINTEL_MAPS = ("flow", "occlusions", "invalid", "flow_viz", "depth", "depth_viz", "camdata_left")
 

@@ -17,7 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ...core.errors import DataError
-from ...core.paths import folders, locate
+from ...core.paths import folders
 from ...core.types import Camera, Sample, SceneDepth
 from ...media.arrays import known, read_npy
 from ...media.depth import read_depth_npy
@@ -25,6 +25,7 @@ from .base import DatasetFacts
 from .depth import existing, relative_motion, scene_depth, table_of
 from .layout import Layout, LayoutDataset
 from .pair_files import PairFiles, Truth
+from .places import locate
 
 _LEVELS = ("Easy", "Hard")
 _FOCAL, _CENTRE = 320.0, (320.0, 240.0)

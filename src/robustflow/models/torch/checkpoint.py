@@ -12,7 +12,7 @@ from torch import Tensor, nn
 
 from ...core.errors import ModelError
 from ...core.paths import user_path
-from ...core.tensor_file import RefusedError, load_tensors
+from ...media.tensor_file import RefusedError, load_tensors
 from ..model_file import damaged, opened
 
 HELD_AS = ("state_dict", "model_state_dict", "model")

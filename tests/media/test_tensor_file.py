@@ -22,7 +22,7 @@ import robustflow
 
 torch = pytest.importorskip("torch", reason="needs the torch extra")
 
-from robustflow.core.tensor_file import LARGEST, RefusedError, load_tensors  # noqa: E402
+from robustflow.media.tensor_file import LARGEST, RefusedError, load_tensors  # noqa: E402
 
 pytestmark = pytest.mark.torch
 
