@@ -26,7 +26,7 @@ import numpy as np
 
 from robustflow.core.types import Sample
 from robustflow.corruptions.registry import PAPER_ORDER
-from robustflow.data.benchmarks.base import Benchmark
+from robustflow.data.benchmarks.benchmark import Benchmark
 from robustflow.metrics.regions import Regions
 from robustflow.metrics.rows import CLEAN, measure
 from robustflow.run.computation import FinishedUnit

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from .attacks.api import AnyAttack
-    from .data.benchmarks.base import AnyCorruption
+    from .data.benchmarks.benchmark import AnyCorruption
     from .report.comparison import Comparison
     from .report.site.page import Figures
     from .run.costs import RunCost

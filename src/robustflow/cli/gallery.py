@@ -16,7 +16,7 @@ from .options import DEPTH, depth_of, names, refuse_unused, shared
 
 if TYPE_CHECKING:
     from ..core.types import Sample
-    from ..data.datasets.base import Dataset
+    from ..data.datasets.dataset import Dataset
 
 
 @shared(

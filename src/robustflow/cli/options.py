@@ -16,7 +16,7 @@ from . import complete
 
 if TYPE_CHECKING:
     from ..core.types import Sample, SceneDepth
-    from ..data.datasets.base import Dataset
+    from ..data.datasets.dataset import Dataset
     from ..models import ModelRef
 
 Command = TypeVar("Command", bound=Callable[..., None])

@@ -25,7 +25,7 @@ import polars as pl
 from ..core.errors import DataError, RunError
 from ..corruptions.condition import condition_of
 from ..data.benchmarks.facts import moving_name
-from ..data.datasets.base import OWN_FRAMES, Depths, FromClips, PreCorrupted
+from ..data.datasets.dataset import OWN_FRAMES, Depths, FromClips, PreCorrupted
 from ..metrics.photometric import Misread, Reading
 from ..metrics.rows import CLEAN
 from ..models.protocols import FlowLookup

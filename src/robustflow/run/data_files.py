@@ -21,8 +21,8 @@ from ..core.errors import DataError, RunError
 from ..core.files import read_bounded, write_bytes
 from ..core.plugins import called
 from ..core.text import counted, plain
-from ..data.datasets.base import Clips, Dataset, Depths
 from ..data.datasets.clips import ContextFrames
+from ..data.datasets.dataset import Clips, Dataset, Depths
 from ..models.protocols import Window
 
 DIGEST_LIST = "digests.b2sum"

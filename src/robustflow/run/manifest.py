@@ -181,5 +181,5 @@ def _without_own_attacks(parts: Iterable[Cells]) -> tuple[Cells, ...]:
 
 
 def clips_of(records: Iterable[Mapping[str, Any]]) -> tuple[Clip, ...]:
-    """Return the records of a dataset about its clips (`robustflow.data.datasets.base.FromClips.clip_records`)."""
+    """Return the records of a dataset about its clips (`robustflow.data.datasets.dataset.FromClips.clip_records`)."""
     return tuple(Clip.model_validate_json(json.dumps(record)) for record in records)

@@ -19,9 +19,9 @@ from ..core.types import Flow, Frame
 from ..corruptions.api import STREAM_VERSION, load_corruption, user_sources
 from ..corruptions.corruption import BGR, VARIANTS, Corruption
 from ..corruptions.registry import ON_DISK
-from ..data.benchmarks.base import Benchmark
-from ..data.datasets.base import Dataset, Depths
+from ..data.benchmarks.benchmark import Benchmark
 from ..data.datasets.clips import window_on
+from ..data.datasets.dataset import Dataset, Depths
 from ..metrics.rows import CLEAN, ROW_SCHEMA_VERSION
 from ..models import ModelRef
 from ..models.objects import as_model

@@ -14,8 +14,8 @@ from ..core.errors import DataError, UsageError, unknown_name
 from ..core.files import make_folder
 from ..core.types import Flow
 from ..data.datasets import load_dataset
-from ..data.datasets.base import Dataset
 from ..data.datasets.clips import window_on
+from ..data.datasets.dataset import Dataset
 from ..data.datasets.pair_files import PairDataset, PairFiles
 from ..data.video.clip import write_clip
 from ..data.video.codec import I420, crf, rgb_to_i420

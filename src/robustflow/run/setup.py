@@ -16,7 +16,7 @@ from ..data.benchmarks import BENCHMARKS, Benchmark, benchmark_facts, load_bench
 from ..data.benchmarks.facts import check_still, is_still, moving_name
 from ..data.benchmarks.registry import check_keys
 from ..data.datasets import DATASETS
-from ..data.datasets.base import FromClips
+from ..data.datasets.dataset import FromClips
 from ..models import MODELS, ModelRef
 from ..models.confidence import check_confidence
 from ..models.protocols import AnyModel, BatchedFlowModel, ClipModel, FlowLookup

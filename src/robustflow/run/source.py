@@ -25,7 +25,7 @@ from ..core.files import write_json
 from ..core.paths import user_path
 from ..core.text import file_name, plain
 from ..data.benchmarks.facts import moving_name
-from ..data.datasets.base import OWN_FRAMES
+from ..data.datasets.dataset import OWN_FRAMES
 from ..models.catalog import PTLFLOW, is_in_ptlflow
 from ..models.loading import ModelRef
 from ..models.registered import MODELS

@@ -19,8 +19,8 @@ from ..core.types import Flow, Frame, Sample, SceneDepth
 from ..corruptions.api import corrupt_clip
 from ..corruptions.corruption import Corruption
 from ..corruptions.registry import SHIPPED
-from ..data.datasets.base import Clips, PreCorrupted
 from ..data.datasets.clips import ContextFrames
+from ..data.datasets.dataset import Clips, PreCorrupted
 from ..data.datasets.own_dataset import load_checked
 from ..metrics.regions import Regions
 from ..metrics.rows import CLEAN

@@ -13,7 +13,7 @@ import numpy as np
 from ..core.errors import DataError, ModelError, RunError, UsageError
 from ..core.files import digest_of_value, make_folder, read_bounded, write_json
 from ..core.types import Flow
-from ..data.benchmarks.base import spread
+from ..data.benchmarks.benchmark import spread
 from ..data.datasets.robustspring import CLEAN, ConditionPairs
 from ..media.flow import read_flow, write_flow
 from ..metrics.error_maps import FL_PIXELS, FL_SHARE, epe_map, magnitude_map

@@ -14,7 +14,7 @@ import polars as pl
 from ..core.types import Sample
 from ..corruptions.registry import IMAGE_PAIR
 from ..data.benchmarks import Benchmark
-from ..data.benchmarks.base import AnyCorruption
+from ..data.benchmarks.benchmark import AnyCorruption
 from ..metrics.rows import CLEAN, rows_frame
 from ..models.objects import as_model
 from ..models.protocols import AnyModel

@@ -12,7 +12,7 @@ import numpy as np
 
 from ..core.errors import RobustFlowError, UsageError
 from ..core.types import Sample
-from ..data.datasets.base import DatasetFacts
+from ..data.datasets.dataset import DatasetFacts
 from ..data.datasets.own_dataset import check_members, check_sample
 from ..data.datasets.pair_files import Samples
 from ..metrics.photometric import misread_truth

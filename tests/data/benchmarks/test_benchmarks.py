@@ -22,7 +22,7 @@ from robustflow.cli.tables import print_result
 from robustflow.core.errors import DataError, UsageError
 from robustflow.corruptions.registry import FAMILIES, FURTHER, IMAGE_PAIR
 from robustflow.data.benchmarks import benchmark_facts, load_benchmark
-from robustflow.data.benchmarks.base import spread
+from robustflow.data.benchmarks.benchmark import spread
 from robustflow.data.benchmarks.facts import BenchmarkFacts, QuickSubset, estimate_remark
 from robustflow.data.datasets.split import kitti_split
 from robustflow.report.render import render

@@ -14,7 +14,7 @@ from scipy.ndimage import binary_erosion
 from robustflow.core.errors import DataError, UsageError
 from robustflow.core.types import Camera, Sample
 from robustflow.data.datasets import load_dataset
-from robustflow.data.datasets.base import Depths
+from robustflow.data.datasets.dataset import Depths
 from robustflow.data.datasets.depth import carried, completed, scene_depth
 from robustflow.data.datasets.own_depth import OwnDepth
 from robustflow.data.datasets.shapes.render import layer_depths

@@ -15,7 +15,7 @@ from robustflow.core.errors import DataError, UsageError
 from robustflow.corruptions import CLIP, PAPER_ORDER, corrupt, load_corruption
 from robustflow.data.benchmarks import load_benchmark
 from robustflow.data.datasets import FromClips, PreCorrupted, load_dataset
-from robustflow.data.datasets.base import CorruptedClips
+from robustflow.data.datasets.dataset import CorruptedClips
 from robustflow.data.datasets.gopro_fc import GoProFCPrepared
 from robustflow.data.video.clip import ClipReader, read_pictures
 from robustflow.data.video.codec import i420_to_rgb

@@ -10,7 +10,7 @@ import pytest
 
 from robustflow.core.errors import DataError, UsageError
 from robustflow.data.datasets import DATASETS, PreCorrupted, load_dataset
-from robustflow.data.datasets.base import Clips, CorruptedClips, has_clips
+from robustflow.data.datasets.dataset import Clips, CorruptedClips, has_clips
 from robustflow.media.flow import read_flow
 from robustflow.media.images import read_image
 from tests.data.video import clips

@@ -15,7 +15,7 @@ from robustflow.corruptions.user_corruptions import register_custom
 from robustflow.data.benchmarks import benchmark_facts, load_benchmark
 from robustflow.data.benchmarks.setting import setting_of
 from robustflow.data.datasets import load_dataset
-from robustflow.data.datasets.base import CorruptedClips
+from robustflow.data.datasets.dataset import CorruptedClips
 from robustflow.data.datasets.robustspring import RobustSpring
 from robustflow.media.images import read_image
 from robustflow.models.provenance import UNDECLARED, Training

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from .base import Benchmark
+from .benchmark import Benchmark
 from .facts import BenchmarkFacts
 from .registry import BENCHMARKS, benchmark_facts, load_benchmark, outside_remark
 

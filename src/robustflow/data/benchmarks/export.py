@@ -22,7 +22,7 @@ from ...corruptions.scale import calibration_digest
 from ...media.flow import write_flow
 from ...media.images import read_image, write_image
 from ..datasets.released import DISK_NAMES
-from .base import Benchmark
+from .benchmark import Benchmark
 from .facts import NON_OCCLUDED
 from .paper import EXPORT_FILE, export_settings
 

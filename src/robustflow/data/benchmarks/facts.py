@@ -11,7 +11,7 @@ from ...core.arguments import SEVERITIES
 from ...core.errors import UsageError
 from ...core.types import Frozen
 from ...corruptions import IMAGE_PAIR
-from ..datasets.base import DatasetFacts
+from ..datasets.dataset import DatasetFacts
 
 
 class QuickSubset(Frozen):

@@ -19,7 +19,7 @@ from ...corruptions import IMAGE_PAIR, PAPER_ORDER, SEVERITIES
 from ...corruptions.registry import FURTHER, SHIPPED
 from ...corruptions.weather.frost import GeneratedFrost
 from ..datasets import load_dataset
-from .base import Benchmark
+from .benchmark import Benchmark
 from .facts import EXPORTED, BenchmarkFacts, QuickSubset
 
 if TYPE_CHECKING:

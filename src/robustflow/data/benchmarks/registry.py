@@ -18,12 +18,12 @@ from ...core.paths import user_path
 from ...core.plugins import Registry, called, import_target, is_target
 from ...corruptions import IMAGE_PAIR
 from ..datasets import DATASETS, PreCorrupted, dataset_facts
-from ..datasets.base import OWN_FRAMES, facts_of
+from ..datasets.dataset import OWN_FRAMES, facts_of
 from ..datasets.own_dataset import check_members, open_own_dataset, own_source
 from ..datasets.own_depth import OwnDepth
 from ..datasets.registry import open_dataset
 from ..datasets.split import read_split, selected
-from .base import Benchmark
+from .benchmark import Benchmark
 from .facts import NON_OCCLUDED, BenchmarkFacts, facts_of_dataset, facts_of_still, is_still, moving_name, truth_remark
 
 

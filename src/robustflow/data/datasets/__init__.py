@@ -1,6 +1,6 @@
 """Dataset readers: one per dataset, each for the layout in which the dataset is distributed."""
 
-from .base import Dataset, DatasetFacts, FromClips, PreCorrupted
+from .dataset import Dataset, DatasetFacts, FromClips, PreCorrupted
 from .registry import DATASETS, dataset_facts, load_dataset, needs_folder
 
 __all__ = [

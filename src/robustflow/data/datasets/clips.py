@@ -18,7 +18,7 @@ from ...corruptions.api import corrupt_clip
 from ...corruptions.corruption import Corruption
 from ...models.protocols import AnyModel, ClipModel, FlowModel, Window, window_of
 from . import DATASETS, dataset_facts
-from .base import Clips, CorruptedClips, Dataset, PreCorrupted, has_clips, range_around
+from .dataset import Clips, CorruptedClips, Dataset, PreCorrupted, has_clips, range_around
 
 
 def window_on(model: AnyModel, dataset: Dataset) -> Window | None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from ...core.errors import DataError
-from .base import NON_COMMERCIAL, DatasetFacts
+from .dataset import NON_COMMERCIAL, DatasetFacts
 from .layout import Layout, LayoutDataset
 from .pair_files import PairFiles
 from .places import locate

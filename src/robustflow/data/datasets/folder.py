@@ -14,7 +14,7 @@ from ...core.errors import DataError, UsageError
 from ...core.paths import VIDEO_SUFFIXES, folders, user_path
 from ...media.images import IMAGE_SUFFIXES, image_size, images_in, natural_order
 from .arrangement import CONSECUTIVE, arranged
-from .base import described
+from .dataset import described
 from .frame_names import without_maps
 from .own_frames import FACTS, OwnFrames
 from .pair_files import Position, position

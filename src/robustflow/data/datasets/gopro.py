@@ -11,7 +11,7 @@ from pathlib import Path
 from ...core.arguments import check_count, choice
 from ...core.errors import DataError
 from ...core.paths import folders, user_path
-from .base import DatasetFacts
+from .dataset import DatasetFacts
 from .layout import matching
 from .pair_files import PairDataset, PairFiles, pairs_at_step
 from .places import consecutive, locate

@@ -20,7 +20,7 @@ from ...corruptions.registry import CLIP, FAMILIES
 from ...media.images import read_image
 from ..video.open_clip import OpenClip, read_record, record_of_variant
 from ..video.prepared import FolderCache, PreparedClip, read_folder
-from .base import FC_PAPER, DatasetFacts
+from .dataset import FC_PAPER, DatasetFacts
 from .pair_files import Samples
 
 VARIANTS = "variants"

@@ -36,7 +36,7 @@ from ...core.errors import DataError
 from ...core.types import Camera, Frame, Mask, Sample, SceneDepth
 from ...media.depth import read_depth_png
 from ...media.flow import read_flow
-from .base import DatasetFacts
+from .dataset import DatasetFacts
 from .depth import SKY, carried, check_size, depth_of, existing, scene_depth, with_motion
 from .layout import Layout, LayoutDataset
 from .pair_files import PairFiles, Truth

@@ -14,7 +14,7 @@ from pathlib import Path
 from ...core.arguments import choice
 from ...core.errors import DataError
 from ...core.paths import user_path
-from .base import DatasetFacts
+from .dataset import DatasetFacts
 from .kitti import drives
 from .layout import Layout, LayoutDataset
 from .pair_files import PairFiles

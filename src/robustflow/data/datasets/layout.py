@@ -18,7 +18,7 @@ from typing import Any
 from ...core.arguments import choice
 from ...core.errors import DataError
 from ...core.paths import user_path
-from .base import DatasetFacts
+from .dataset import DatasetFacts
 from .pair_files import PairDataset, PairFiles
 from .places import consecutive, locate, partner
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from .base import NON_COMMERCIAL, DatasetFacts
+from .dataset import NON_COMMERCIAL, DatasetFacts
 from .layout import Layout, LayoutDataset
 
 

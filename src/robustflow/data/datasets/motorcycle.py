@@ -17,7 +17,7 @@ from ...core.errors import AssetError, UsageError
 from ...core.types import Camera, Flow, Mask, Sample, SceneDepth
 from ...media.arrays import readable
 from ...media.images import read_image
-from .base import DatasetFacts
+from .dataset import DatasetFacts
 from .depth import carried, scene_depth
 from .pair_files import Samples
 

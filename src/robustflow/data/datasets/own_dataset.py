@@ -12,7 +12,7 @@ from ...core.files import digest_of_bytes
 from ...core.plugins import called, check_options, import_target, source_of_target
 from ...core.source_digest import source_digest
 from ...core.types import Sample
-from .base import Dataset
+from .dataset import Dataset
 
 _GUIDE = "see the guide 'add your dataset'"
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_-]{0,59}")

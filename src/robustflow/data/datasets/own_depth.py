@@ -18,7 +18,7 @@ from ...core.types import Camera, Sample, SceneDepth
 from ...media.arrays import readable
 from ...media.depth import Values, read_depth_npy, read_depth_pfm, read_depth_png
 from ...media.images import IMAGE_SUFFIXES
-from .base import Dataset
+from .dataset import Dataset
 from .depth import scene_depth
 from .still import SharesFrames
 

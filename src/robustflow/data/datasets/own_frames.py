@@ -12,8 +12,8 @@ from ...core.text import counted
 from ...core.types import Frame
 from ...media.images import read_image
 from .arrangement import Arrangement
-from .base import OWN_FRAMES, Dataset, DatasetFacts
 from .continuity import UNLIKE, faults
+from .dataset import OWN_FRAMES, Dataset, DatasetFacts
 from .pair_files import PairDataset, PairFiles, too_few_frames
 
 FACTS = DatasetFacts(

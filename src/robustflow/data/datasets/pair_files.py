@@ -20,7 +20,7 @@ from ...media.flow import read_flow
 from ...media.images import read_image
 
 if TYPE_CHECKING:
-    from .base import Dataset
+    from .dataset import Dataset
 
 
 class Samples:

@@ -10,7 +10,7 @@ from typing import Any
 from ...core.errors import UsageError, unknown_name
 from ...core.paths import user_path
 from ...core.plugins import Registry
-from .base import OWN_FRAMES, Dataset, DatasetFacts, facts_of
+from .dataset import OWN_FRAMES, Dataset, DatasetFacts, facts_of
 
 DATASETS: Registry[Callable[..., Dataset]] = Registry("dataset", entry_point_group="robustflow.datasets")
 """Registered datasets: callables that take the root (if required) and keyword options, and return a `Dataset`."""

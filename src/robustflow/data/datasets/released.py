@@ -14,7 +14,7 @@ from pathlib import Path
 from ...core.errors import DataError
 from ...core.paths import folders
 from ...core.types import Frame
-from .base import FC_PAPER, DatasetFacts
+from .dataset import FC_PAPER, DatasetFacts
 from .kitti import KittiPairs
 from .layout import Layout, LayoutDataset
 from .pair_files import PairFiles, read_frames

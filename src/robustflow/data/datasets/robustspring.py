@@ -28,7 +28,7 @@ from ...core.errors import DataError, UsageError
 from ...core.paths import folders, user_path
 from ...core.types import Frame
 from ...corruptions.registry import ON_DISK, ON_DISK_PREFIX
-from .base import DatasetFacts
+from .dataset import DatasetFacts
 from .layout import Layout, matching
 from .pair_files import PairDataset, PairFiles, read_frames
 from .places import locate

@@ -14,7 +14,7 @@ from ...core.types import Camera, Mask, Sample, SceneDepth
 from ...media.depth import read_camera, read_dpt
 from ...media.flow import read_flow
 from ...media.images import read_mask
-from .base import DatasetFacts
+from .dataset import DatasetFacts
 from .depth import existing, relative_motion, scene_depth
 from .layout import Layout, LayoutDataset
 from .pair_files import PairFiles, Truth

@@ -18,7 +18,7 @@ from ...core.plugins import require
 from ...core.types import Camera, Sample, SceneDepth
 from ...media.depth import read_dsp5
 from ...media.flow import read_flow
-from .base import DatasetFacts
+from .dataset import DatasetFacts
 from .depth import SKY, check_size, depth_of, existing, scene_depth, table_of, with_motion
 from .layout import Layout, LayoutDataset
 from .pair_files import PairFiles, Truth

@@ -11,7 +11,7 @@ import numpy as np
 
 from ...core.errors import UsageError
 from ...core.types import Camera, Frame, Sample, SceneDepth
-from .base import Dataset, Depths, PreCorrupted, no_depth
+from .dataset import Dataset, Depths, PreCorrupted, no_depth
 from .pair_files import Samples
 
 SECOND = ":2"

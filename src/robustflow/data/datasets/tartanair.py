@@ -21,7 +21,7 @@ from ...core.paths import folders
 from ...core.types import Camera, Sample, SceneDepth
 from ...media.arrays import known, read_npy
 from ...media.depth import read_depth_npy
-from .base import DatasetFacts
+from .dataset import DatasetFacts
 from .depth import existing, relative_motion, scene_depth, table_of
 from .layout import Layout, LayoutDataset
 from .pair_files import PairFiles, Truth

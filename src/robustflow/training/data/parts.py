@@ -22,7 +22,7 @@ from ...core.errors import DataError, UsageError
 from ...core.paths import user_path
 from ...core.rng import Rng
 from ...data.datasets import DATASETS, needs_folder
-from ...data.datasets.base import Dataset
+from ...data.datasets.dataset import Dataset
 from ...data.datasets.own_frames import continuous
 from ...data.datasets.registry import open_dataset
 from ...data.datasets.split import kitti_split

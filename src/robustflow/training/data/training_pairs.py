@@ -15,7 +15,7 @@ from ...core.errors import DataError, RobustFlowError, class_and_message
 from ...core.rng import Rng
 from ...core.types import Flow, Frame, Mask
 from ...corruptions.transform import CorruptionTransform
-from ...data.datasets.base import Dataset
+from ...data.datasets.dataset import Dataset
 from ...data.datasets.pair_files import PairDataset, read_frames
 from ...run.stages import memory_errors_named
 from ..augmentation.augment import (

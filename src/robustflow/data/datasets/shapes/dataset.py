@@ -10,7 +10,7 @@ from ....core.arguments import choice, parse_size
 from ....core.errors import UsageError
 from ....core.rng import Rng
 from ....core.types import Camera, Sample, SceneDepth
-from ..base import DatasetFacts
+from ..dataset import DatasetFacts
 from ..pair_files import Samples
 from .render import depths_of, render_pair
 from .scene import Scene, draw_scene

@@ -14,7 +14,7 @@ from ...core.paths import VIDEO_SUFFIXES
 from ...corruptions import CLIP, SEVERITIES, Corruption, corruption_names, load_corruption
 from ...corruptions.condition import Condition, condition_of
 from ...corruptions.registry import ON_DISK, with_families
-from ..datasets.base import Dataset, Depths, PreCorrupted, no_depth
+from ..datasets.dataset import Dataset, Depths, PreCorrupted, no_depth
 from ..datasets.own_depth import OwnDepth
 from ..datasets.own_frames import continuous
 from ..datasets.still import Still
