@@ -12,9 +12,8 @@ from robustflow.core.arguments import SEVERITIES
 from robustflow.corruptions.registry import IMAGE_PAIR
 from robustflow.metrics.rows import ROW_SCHEMA
 from robustflow.models.provenance import Training
-from robustflow.run.cells import Cells
 from robustflow.run.identity import ModelIdentity
-from robustflow.run.manifest import Manifest
+from robustflow.run.manifest import Cells, Manifest
 from robustflow.run.plan import Unit
 from robustflow.run.run import Run
 from robustflow.run.store import RunFolder

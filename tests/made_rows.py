@@ -10,8 +10,8 @@ from robustflow.core.files import digest_of_bytes
 from robustflow.metrics.regions import REGIONS
 from robustflow.metrics.rows import CLEAN, ROW_SCHEMA
 from robustflow.metrics.rows import rows_frame as frame_of
-from robustflow.run.cells import Cells
 from robustflow.run.identity import FrameIdentity, Identity
+from robustflow.run.manifest import Cells
 from robustflow.run.run import Run
 
 _CLEAN_SUMS = {

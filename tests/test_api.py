@@ -11,7 +11,7 @@ import skimage
 import robustflow as rf
 from robustflow.core.errors import UsageError
 from robustflow.models import ModelRef
-from robustflow.run.cells import Cells
+from robustflow.run.manifest import Cells
 from tests.made_rows import change_identity
 from tests.refusals import refusal
 

@@ -9,7 +9,7 @@ from contextlib import closing, nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from .core.errors import RobustFlowError, UsageError
+from .core.errors import RobustFlowError
 from .core.text import plain
 from .data.benchmarks import Benchmark
 from .data.datasets.registry import with_absolute_paths
@@ -206,20 +206,12 @@ def evaluate(
     from .run.compute_missing import compute_missing
     from .run.engines.choose import choose_engine
     from .run.progress import Silent, TerminalProgress, shown
-    from .run.setup import open_benchmark, set_up
+    from .run.setup import open_selection, set_up
     from .run.source import RunSource, default_folder, warn_of_a_fresh_start
     from .run.store import RunFolder
 
     refuse_unguarded_script()
-    if subset is not None and (still or any(given is not None for given in (corruptions, severities, attacks))):
-        raise UsageError(
-            "a subset defines its own corruptions and severities; it cannot be combined with "
-            "corruptions, severities, attacks or still"
-        )
-    opened = open_benchmark(benchmark, data, split, data_options, variant, still)
-    within = opened if subset is None else opened.subset(subset)
-    chosen = within.narrowed(corruptions, severities, limit, attacks)
-    plan = set_up(model, chosen, config)
+    plan = set_up(model, open_selection(config.selection, variant), config)
     compute = choose_engine(plan)
     if output is None:
         output = default_folder(plan, data)

@@ -15,9 +15,8 @@ from robustflow.corruptions.api import STREAM_VERSION
 from robustflow.metrics.rows import ROW_SCHEMA
 from robustflow.report.site.content import whole_content
 from robustflow.report.site.data import page_data
-from robustflow.run.records.collection import add_records, collected
 from robustflow.run.records.format import container_bytes
-from robustflow.run.records.pack import load_any_run, pack, record_bytes
+from robustflow.run.records.pack import add_records, collected, load_any_run, pack, record_bytes
 from robustflow.stats.results_file import read_results, results_csv
 
 from ..refusals import refusal

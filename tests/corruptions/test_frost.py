@@ -33,7 +33,7 @@ from robustflow.data.benchmarks import load_benchmark
 from robustflow.data.benchmarks.export import export
 from robustflow.data.benchmarks.paper import DEMO_CLASSES
 from robustflow.media.images import read_image, write_image
-from robustflow.run.setup import recorded_plan
+from robustflow.run.repeat import recorded_plan
 from robustflow.run.stages import FrameStage, Seconds, frames_digest
 from robustflow.testing import ZeroFlow
 

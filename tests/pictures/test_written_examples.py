@@ -24,8 +24,7 @@ from robustflow.models import ModelRef
 from robustflow.pictures import examples as examples_module
 from robustflow.report.gallery.examples import are_current
 from robustflow.run.progress import DRAWN, TerminalProgress
-from robustflow.run.recheck import recheck
-from robustflow.run.setup import restore_plan
+from robustflow.run.repeat import recheck, restore_plan
 from robustflow.run.source import RunSource
 from robustflow.run.store import RunFolder
 from robustflow.testing import ZeroFlow

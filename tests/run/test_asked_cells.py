@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 import robustflow as rf
 from robustflow.cli.tables import as_json_text
 from robustflow.data.benchmarks import Benchmark
-from robustflow.run.cells import UNEVEN, Cells, union
+from robustflow.run.manifest import UNEVEN, Cells, union
 from robustflow.run.records.pack import record_bytes
 from robustflow.run.records.read import Reader
 from robustflow.run.records.verify import verify_read

@@ -14,10 +14,10 @@ import robustflow as rf
 from robustflow.core.errors import DataError, ModelError, RunError, UsageError
 from robustflow.corruptions import IMAGE_PAIR, corrupt, corrupt_clip
 from robustflow.media.images import read_image, write_image
-from robustflow.models import Window, load_model
+from robustflow.models import Window
 from robustflow.run.engines.ray import files_of
 from robustflow.run.plan import Job, Unit
-from robustflow.run.setup import restore_plan
+from robustflow.run.repeat import restore_plan
 from robustflow.run.source import RunSource
 from robustflow.testing import TexturePairs, ZeroClipFlow, ZeroFlow
 from tests.corruptions.pictures import picture
@@ -151,13 +151,6 @@ def test_clip_model_refuses_data_of_single_pairs_unless_it_accepts_pairs(clip_fo
     assert result.manifest.identity.model.window is None
     run(model, clip_folder, tmp_path / "clips", **SMALLEST)
     assert (model.pairs, len(model.calls)) == (3, 2 * (FRAMES - 1) + 1)
-
-
-def test_batches_tiles_and_invalid_windows_of_clip_models_are_refused(clip_folder, tmp_path):
-    refusal(lambda: run(Recorder(), clip_folder, tmp_path / "run", batch_size=2), UsageError, "--batch-size")
-    with pytest.raises(UsageError):
-        load_model(MODEL, tile="64x64")
-    refusal(lambda: run(Recorder("all"), clip_folder, tmp_path / "run"), ModelError, "window")
 
 
 def test_wrong_flow_of_a_clip_model_names_the_sample(clip_folder, tmp_path):

@@ -15,8 +15,8 @@ from robustflow.report.tables import tables_of
 from robustflow.run.comparable import common_rows, common_to, differences, run_facts, run_names, sample_set
 from robustflow.run.identity import FrameIdentity, Identity
 from robustflow.run.manifest import Manifest
-from robustflow.run.recheck import recheck
 from robustflow.run.records.pack import load_any_run, pack
+from robustflow.run.repeat import recheck
 from robustflow.run.run import Run
 from robustflow.stats.model_result import run_results
 from robustflow.stats.run_results import comparison_notes
@@ -197,19 +197,6 @@ def test_seeds_are_split_only_where_nothing_else_differs(base):
     fewer = seeds_of([*runs[:2], made_run(base, rows(seed=2, pairs=4), seed=2)])
     assert {one.height for one in fewer.rows.values()} == {20}
     assert "20 common rows" in fewer.remark
-
-
-def test_means_have_intervals_from_six_images(base):
-    def remark_of(*pairs):
-        runs = [made_run(base, rows(pairs=count), str(count)) for count in pairs]
-        (table,) = tables_of(runs, published=False, wanted=["means"])
-        return table.title, table.remarks[0]
-
-    assert remark_of(5)[0] == "Means"
-    assert "6 images" in remark_of(5)[1]
-    title, remark = remark_of(6)
-    assert title == "Means with intervals"
-    assert "95 %" in remark
 
 
 @pytest.fixture

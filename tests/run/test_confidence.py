@@ -5,18 +5,15 @@ from __future__ import annotations
 from functools import partial
 
 import numpy as np
-import polars as pl
 import pytest
 
 import robustflow as rf
-from robustflow.core.errors import ModelError, RunError, UsageError
-from robustflow.media.flow import write_flow
+from robustflow.core.errors import ModelError, RunError
 from robustflow.metrics import ause, confidence_correlation, epe_map, error_at, forward_backward
 from robustflow.models import ModelRef
-from robustflow.run.records.row_rules import broken_rules, row_rules
+from robustflow.run.records.row_rules import check_rules
 from robustflow.stats.frame import confidence_means
 from robustflow.testing import TexturePairs
-from tests.made_rows import made_run
 from tests.refusals import refusal
 
 from .models_for_tests import Sure
@@ -80,15 +77,6 @@ def test_confidence_of_a_wrong_size_or_nan_ends_the_run_in_one_line(tmp_path):
         refusal(partial(run, tmp_path / spoil, Sure(spoil), "model", limit=1), ModelError, "sample '1', clean")
 
 
-def test_a_confidence_that_the_model_does_not_have_is_refused(tmp_path):
-    refusal(lambda: run(tmp_path / "run", ModelRef.parse("dis"), "model"), UsageError, "--confidence")
-    refusal(lambda: run(tmp_path / "run", ModelRef.parse("dis"), "forward"), UsageError, "forward")
-    (tmp_path / "flows" / "clean").mkdir(parents=True)
-    write_flow(tmp_path / "flows" / "clean" / "0.flo", np.zeros((4, 6, 2), np.float32))
-    with pytest.raises(UsageError):
-        run(tmp_path / "run", tmp_path / "flows")
-
-
 def test_rows_without_ground_truth_have_only_the_share_of_rejected_pixels(clip_folder, tmp_path):
     options = {"corruptions": FAST, "severities": [1], "limit": 1, "confidence": "forward-backward"}
     result = rf.evaluate(Sure(), "folder", clip_folder, tmp_path / "run", **options)
@@ -97,7 +85,7 @@ def test_rows_without_ground_truth_have_only_the_share_of_rejected_pixels(clip_f
 
 
 def test_rows_with_confidence_break_no_rule(whole):
-    assert [reason for reason, rows in broken_rules(whole.rows, row_rules()) if rows.height] == []
+    check_rules(whole.rows)
 
 
 def test_scores_are_means_over_images_by_family_and_severity(whole):
@@ -114,12 +102,3 @@ def test_scores_are_means_over_images_by_family_and_severity(whole):
         "error_at_100": rows["epe_sum"] / rows["n_valid"],
     }.items():
         assert known[measure, "noise", 4] == pytest.approx(values.mean(), rel=1e-12)
-
-
-def test_scores_weight_corruptions_with_fewer_severities_as_the_summary_does(whole):
-    run = made_run(whole, whole.rows.filter((pl.col("corruption") != "contrast") | (pl.col("severity") != 4)))
-    known = confidence_means(run.rows)
-    assert known["error_at_100", "average", None] == pytest.approx(run.epe, rel=1e-12)
-    ause = run.rows.group_by("corruption", "severity").agg(pl.col("ause").mean())
-    of_corruptions = [ause.filter(corruption=name)["ause"].mean() for name in FAST]
-    assert known["ause", "average", None] == pytest.approx(np.mean(of_corruptions), rel=1e-12)

@@ -8,15 +8,12 @@ import subprocess
 import sys
 from pathlib import Path
 
-import pytest
 import typer.main
 
 import robustflow as rf
 from robustflow.cli.main import app
-from robustflow.core.errors import UsageError
 from robustflow.run.config import FIELDS, RunConfig, option_of
 from robustflow.run.identity import FrameIdentity, Measuring
-from tests.refusals import refusal
 
 SOURCE = Path(rf.__file__).parent
 PLANTED = {
@@ -84,8 +81,3 @@ def test_the_identity_has_every_option_that_changes_rows():
     config = RunConfig()
     assert FrameIdentity.model_fields.keys() > type(config.frames).model_fields.keys()
     assert Measuring.model_fields.keys() > type(config.measuring).model_fields.keys()
-
-
-@pytest.mark.parametrize(("name", "value"), [("seed", "1"), ("draws", 0), ("allow_invalid", "no")])
-def test_an_invalid_value_is_refused(name, value):
-    refusal(lambda: RunConfig.of({name: value}), UsageError, name)

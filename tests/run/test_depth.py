@@ -8,19 +8,17 @@ import polars as pl
 import pytest
 
 import robustflow as rf
-from robustflow.core.errors import DataError, RunError, UsageError
+from robustflow.core.errors import DataError, RunError
 from robustflow.core.types import Camera, SceneDepth
 from robustflow.corruptions import FAMILIES, DepthCorruption, corrupt
 from robustflow.data.benchmarks import load_benchmark
 from robustflow.data.benchmarks.export import export
 from robustflow.data.datasets import load_dataset
 from robustflow.media.images import read_image
-from robustflow.models import ModelRef
 from robustflow.run.engines.ray import files_of
 from robustflow.run.plan import Job, Unit
-from robustflow.run.recheck import recheck
+from robustflow.run.repeat import recheck, restore_plan
 from robustflow.run.run import Run
-from robustflow.run.setup import restore_plan
 from robustflow.run.source import RunSource
 from robustflow.testing import TexturePairs
 
@@ -119,26 +117,6 @@ def test_an_own_corruption_in_three_dimensions_runs_as_shipped_ones_do(tmp_path)
     np.testing.assert_array_equal(written, np.clip(sample.frames[0] - 5 * metres, 0, 255).astype(np.uint8))
 
 
-@pytest.mark.parametrize(
-    ("name", "culprit"),
-    [("fog_3d", "fog_3d"), ("fog+fog_3d:2", "fog+fog_3d:2"), (HAZE, "haze"), (f"fog+{HAZE}:2", "fog+haze:2")],
-)
-def test_data_without_depth_are_refused_before_anything_is_computed(clip_folder, tmp_path, name, culprit):
-    refusal(lambda: run(tmp_path / "run", "folder", clip_folder, [name], {}), UsageError, culprit)
-    assert not (tmp_path / "run").exists()
-    benchmark = load_benchmark("folder", clip_folder).narrowed([name], [1])
-    refusal(lambda: list(export(benchmark, tmp_path / "frames")), UsageError, culprit)
-
-
-def test_a_model_of_more_frames_is_refused(clip_folder, maps, tmp_path):
-    model = ModelRef.parse("tests.run.models_for_tests:FiveFrames")
-    refusal(
-        lambda: run(tmp_path / "run", "folder", clip_folder, ["fog_3d"], {"depth": maps}, model=model),
-        UsageError,
-        "--model",
-    )
-
-
 def test_own_maps_decide_the_frames_and_the_identity_of_a_run(clip_folder, maps, tmp_path):
     first = run(tmp_path / "one", "folder", clip_folder, ["fog_3d"], {"depth": maps})
     assert first.manifest.identity.frames.depth
@@ -170,16 +148,9 @@ def test_a_still_scene_takes_the_users_maps(clip_folder, maps, tmp_path):
     assert result.manifest.identity.frames.depth
 
 
-def test_maps_that_nothing_needs_and_maps_that_are_missing_are_refused(clip_folder, maps, tmp_path):
+def test_missing_map_is_refused(clip_folder, maps, tmp_path):
     (maps / "5.npy").unlink()
-    for name, options, error, culprit in (
-        ("fog", {"depth": maps}, UsageError, "--depth"),
-        ("fog_3d", {"focal": 50}, UsageError, "--focal"),
-        ("fog_3d", {"depth_unit": "mm"}, UsageError, "--depth-unit"),
-        ("fog_3d", {"depth": tmp_path / "nowhere"}, UsageError, "--depth"),
-        ("fog_3d", {"depth": maps}, DataError, maps),
-    ):
-        refusal(partial(run, tmp_path / "run", "folder", clip_folder, [name], options), error, culprit)
+    refusal(partial(run, tmp_path / "run", "folder", clip_folder, ["fog_3d"], {"depth": maps}), DataError, maps)
     assert not (tmp_path / "run").exists()
 
 

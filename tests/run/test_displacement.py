@@ -6,20 +6,17 @@ import shutil
 from itertools import pairwise
 
 import numpy as np
-import polars as pl
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 import robustflow as rf
-from robustflow.core.errors import DataError, ModelError, RunError, UsageError
+from robustflow.core.errors import DataError, ModelError, RunError
 from robustflow.core.files import sealed
 from robustflow.data.benchmarks import load_benchmark
 from robustflow.media.flow import write_flow
 from robustflow.media.images import write_image
-from robustflow.report.figures import displacement_figure, figure_bytes
 from robustflow.report.site import render_site, whole_content
-from robustflow.run.cells import Cells
 from robustflow.run.displacement import (
     EDGES,
     displacement_histogram,
@@ -28,6 +25,7 @@ from robustflow.run.displacement import (
     read_displacement,
     write_displacement,
 )
+from robustflow.run.manifest import Cells
 from robustflow.testing import ZeroFlow
 from tests.made_rows import change_manifest
 
@@ -140,21 +138,9 @@ def test_ground_truth_takes_precedence_over_a_model_and_equal_displacements_are_
         lambda kept: kept | {"low": kept["low"][::-1]},
         lambda kept: kept | {"low": kept["low"][:-1]},
         lambda kept: kept | {"pixels": [-1, *kept["pixels"][1:]]},
-        lambda kept: kept | {"pixels": [0.5, *kept["pixels"][1:]]},
-        lambda kept: kept | {"else": 1},
-        lambda kept: {},
     ],
 )
 def test_damaged_displacement_file_is_refused_by_its_path(run, change):
     path = run.path / "displacement.json"
     path.write_text(json.dumps(sealed(change(json.loads(path.read_text())))))
     refusal(lambda: read_displacement(run), RunError, path)
-
-
-def test_impossible_displacement_figure_is_refused():
-    empty = pl.DataFrame({"low": [0.0], "high": [math.inf], "share": [0.0]})
-    full = empty.with_columns(share=pl.Series([1.0]))
-    for tables in ({"a": empty}, dict.fromkeys("abcdefghi", full)):
-        with pytest.raises(UsageError):
-            displacement_figure(tables)
-    assert figure_bytes(displacement_figure({"a": empty, "b": full}), "png")[1:4] == b"PNG"

@@ -9,7 +9,7 @@ import pytest
 import robustflow as rf
 from robustflow.core.errors import RunError
 from robustflow.core.files import json_bytes
-from robustflow.run.cells import Cells
+from robustflow.run.manifest import Cells
 from robustflow.run.records.format import Record, container_bytes, rows_to_text
 from robustflow.run.records.read import Reader
 from robustflow.run.records.verify import verify_read

@@ -16,7 +16,6 @@ from robustflow.core.errors import RunError, UsageError
 from robustflow.corruptions.registry import FAMILIES, IMAGE_PAIR, PAPER_ORDER
 from robustflow.metrics.cube import averaged_corruptions
 from robustflow.metrics.measures import METRICS
-from robustflow.metrics.regions import REGIONS
 from robustflow.metrics.rows import ROW_SCHEMA
 from robustflow.run.run import Run
 from robustflow.run.store import list_shards, read_shards, write_shard
@@ -26,6 +25,9 @@ from tests.made_rows import rows_frame
 from tests.refusals import refusal
 
 from .mean_rows import COUNTS, NO_TRUTH, THREE_IMAGES, row
+
+MEASURED = ("epe_sum", "rcre_sum", "rcre_all_sum", "clean_epe_sum", "wauc_sum", "n_truth", "n_valid", *COUNTS)
+OCC = ("epe_sum_occ", "clean_epe_sum_occ", "rcre_sum_occ", "fl_count_occ")
 
 
 def numbers(means, condition, *measures, severity=None):
@@ -46,93 +48,20 @@ def test_image_means_equal_hand_computed_values():
     assert measured.complete
 
 
-def test_shares_are_percentages_averaged_like_errors():
-    rows = rows_frame(
-        [
-            row("a", n=10, fl_count=1, px1_count=5, px3_count=3, px5_count=2, wauc_sum=8.0),
-            row("b", n=30, fl_count=30, px1_count=30, px3_count=30, px5_count=30, wauc_sum=0.0),
-            row("c", n=40, fl_count=4, px1_count=12, px3_count=8, px5_count=4, wauc_sum=28.0),
-        ]
-    )
-    shares = numbers(summarize(rows).means, "clean", "fl", "px1", "px3", "px5", "wauc")
-    assert shares == (40.0, 60.0, 50.0, 130 / 3, 50.0)
-    assert numbers(summarize(rows, "pixel").means, "clean", "fl", "wauc") == (43.75, 45.0)
-
-
-def _inside(region, n, epe, rcre=0.0, fl=0):
-    return {
-        f"n_{region}": n,
-        f"epe_sum_{region}": epe * n,
-        f"rcre_sum_{region}": rcre * n,
-        f"fl_count_{region}": fl,
-    }
-
-
-def test_regions_average_over_the_images_that_have_them():
-    rows = [
-        row("a", n=10, **_inside("occ", 4, 2.0)),
-        row("b", n=10, **_inside("occ", 0, 0.0)),
-        row("c", n=10),
-        row("a", "fog", 1, **_inside("occ", 4, 5.0, rcre=4.0, fl=2)),
-        row("b", "fog", 1, n=20, **_inside("occ", 0, 0.0)),  # the share is relative to clean rows
-        row("c", "fog", 1),
-    ]
-    means, _ = summarize(rows_frame(rows))
-    assert {condition for _, condition, _ in means} & {*REGIONS} == {"occ"}
-    assert numbers(means, "occ", "epe_clean", "epe", "cre", "crer", "rcre") == (2.0, 5.0, 3.0, 1.5, 4.0)
-    assert numbers(means, "occ", "fl_clean", "fl", "share") == (0.0, 50.0, 20.0)
-
-
 @pytest.mark.parametrize(
-    "column",
+    ("rows", "culprit"),
     [
-        *("epe_sum", "rcre_sum", "rcre_all_sum", "clean_epe_sum", "wauc_sum", "n_truth", "n_valid", *COUNTS),
-        *(f"{name}_{region}" for region in REGIONS for name in ("epe_sum", "clean_epe_sum", "rcre_sum", "fl_count")),
+        (rows_frame([*THREE_IMAGES, THREE_IMAGES[7]]), "b"),
+        (rows_frame(THREE_IMAGES).drop("n_all"), "n_all"),
+        *(
+            (rows_frame([row("a", n_occ=5, **dict.fromkeys(OCC, 1))]).with_columns(pl.lit(None, kind).alias(name)), "a")
+            for name, kind in ROW_SCHEMA.items()
+            if name in (*MEASURED, *OCC)
+        ),
     ],
 )
-def test_row_that_counts_pixels_and_lacks_their_measure_is_refused(column):
-    whole = row("a")
-    for region in REGIONS:
-        whole |= _inside(region, 5, 2.0)
-    rows = rows_frame([whole]).with_columns(pl.lit(None, ROW_SCHEMA[column]).alias(column))
-    refusal(lambda: summarize(rows), RunError, "a")
-
-
-REFUSED = [
-    (rows_frame([*THREE_IMAGES, THREE_IMAGES[7]]), "image", RunError, "b"),
-    (rows_frame(THREE_IMAGES).drop("n_all"), "image", RunError, "n_all"),
-    (rows_frame(THREE_IMAGES), "pixels", UsageError, "averaging"),
-]
-
-
-@pytest.mark.parametrize(("rows", "averaging", "error", "culprit"), REFUSED)
-def test_duplicate_rows_and_unknown_averaging_are_refused(rows, averaging, error, culprit):
-    refusal(lambda: summarize(rows, averaging), error, culprit)
-
-
-OTHERS = ("elastic_transform", "fog+jpeg_compression", "my_own_corruption")
-
-
-def test_run_averages_what_was_requested():
-    rows = [row("a", epe=1.0), row("a", "fog", 1, epe=2.0)]
-    extra = [row("a", name, 1, epe=101.0 + i) for i, name in enumerate(OTHERS)]
-    (alone, _), (beside, measured) = summarize(rows_frame(rows)), summarize(rows_frame(rows + extra))
-    assert measured.averaged_over == ["fog", *OTHERS]
-    assert numbers(beside, "average", "epe", "cre", "crer") == (77.0, 76.0, 76.0)
-    assert numbers(beside, "weather", *METRICS) == numbers(alone, "weather", *METRICS)
-    assert [beside["cre", name, None] for name in OTHERS] == [100.0, 101.0, 102.0]
-    only, measured = summarize(rows_frame([rows[0], extra[1]]))
-    assert (*numbers(only, "average", "epe", "cre"), measured.averaged_over) == (102.0, 101.0, [OTHERS[1]])
-
-
-def test_corruption_without_any_prediction_is_not_named_as_averaged():
-    lost = {"n_valid": 0, "n_all": 0, "epe_sum": 0.0}
-    rows = [row(sample, epe=1.0) for sample in "ab"] + [row("a", "fog", 1, epe=2.0), row("b", "fog", 1, **lost)]
-    rows += [row(sample, "snow", level, **lost) for sample in "ab" for level in (1, 2)]
-    means, measured = summarize(rows_frame(rows))
-    assert (numbers(means, "average", "epe"), measured.averaged_over) == ((2.0,), ["fog"])
-    assert set(measured.corruptions) == {"fog", "snow"}
-    assert summarize(rows_frame(rows), paper=["fog", "snow"])[1].paper_over == []
+def test_rows_that_occur_twice_or_lack_a_measure_of_their_pixels_are_refused(rows, culprit):
+    refusal(lambda: summarize(rows), RunError, culprit)
 
 
 def test_mean_over_the_papers_corruptions_needs_all_of_them():
@@ -146,17 +75,6 @@ def test_mean_over_the_papers_corruptions_needs_all_of_them():
     for rows, all_of in (([clean, *paper[1:], elastic], IMAGE_PAIR), ([clean, *paper], PAPER_ORDER)):
         means, measured = summarize(rows_frame(rows), paper=all_of)
         assert (numbers(means, "paper", "epe"), measured.paper_over) == ((None,), [])
-
-
-def test_cre_is_over_the_same_pixels_and_coverage_is_a_mean():
-    """The corrupted flow lacks the 6 worst of 10 pixels; on the other 4 its error doubled, from 1 to 2 px."""
-    clean = row("a", epe=7.0, n_truth=10, clean_epe_sum=70.0)
-    fog = row("a", "fog", 1, n=4, epe=2.0, rcre=2.0, n_truth=10, clean_epe_sum=4.0, n_invalid=12)
-    means, _ = summarize(rows_frame([clean, fog | {"width": 10}]))
-    assert (*numbers(means, "clean", "epe", "coverage"), *numbers(means, "average", "epe", "cre", "coverage")) == (
-        *(7.0, 1.0),
-        *(2.0, 1.0, 0.4),
-    )
 
 
 PLANNED = [(one["sample"], one["corruption"], one["severity"]) for one in THREE_IMAGES]
@@ -190,31 +108,6 @@ def test_missing_rows_and_rows_without_a_measured_pixel_are_listed(rows, planned
     assert measured.complete == (missing == unmeasured == [])
     assert measured.n_invalid == 60 * len(unmeasured)
     assert (measured.corruptions, measured.severities) == ({"fog": [1, 2], "snow": [1]}, [1, 2])
-
-
-def test_without_ground_truth_rcre_is_over_all_pixels_and_the_rest_is_unknown():
-    rows = [row("a", **NO_TRUTH), row("a", "fog", 1, n=10, **NO_TRUTH | {"rcre_all_sum": 40.0})]
-    means, measured = summarize(rows_frame(rows))
-    assert measured.complete
-    known = {measure for measure, condition, _ in means if condition == "average"}
-    assert known == {"rcre", "rcre_all", "coverage"}
-    assert numbers(means, "average", *sorted(known)) == (1.0, 2.0, 2.0)
-
-
-@pytest.mark.parametrize(("averaging", "length"), [("image", (2.0 + 5.0) / 2), ("pixel", (200.0 + 50.0) / 110)])
-def test_clean_flow_length_is_over_predicted_pixels_of_clean_rows(averaging, length):
-    rows = [row("a", n_all=100, pred_magnitude_sum=200.0), row("a", "fog", 1, pred_magnitude_sum=9000.0)]
-    rows += [row("b", n_all=10, pred_magnitude_sum=50.0), row("c", n_all=0)]
-    means, _ = summarize(rows_frame(rows), averaging)
-    assert means["flow_length", "clean", None] == pytest.approx(length, rel=1e-12)
-    assert ("flow_length", "fog", None) not in means
-
-
-def test_perfect_clean_flow_has_no_crer_and_empty_rows_have_no_means():
-    means, _ = summarize(rows_frame([row("a", epe=0.0), row("a", "fog", 1, epe=2.0)]))
-    assert numbers(means, "average", "cre", "crer") == (2.0, None)
-    means, measured = summarize(rows_frame([]))
-    assert (means, measured.samples, measured.corruptions) == ({}, 0, {})
 
 
 sums = st.floats(0, 1e6)

@@ -3,7 +3,6 @@
 import pytest
 
 import robustflow as rf
-from robustflow.core.errors import UsageError
 from robustflow.models.catalog import methods
 from robustflow.report.site.content import run_content
 from robustflow.run.records.pack import pack
@@ -30,13 +29,6 @@ def test_name_comes_from_the_attribute_or_the_argument(tmp_path, real_pictures):
     record = tmp_path / "a.robustflow"
     pack(again, record)
     assert rf.load_run(record).name == "Another"
-
-
-@pytest.mark.parametrize("name", ["", "  ", "x" * 81, "two\nlines"])
-def test_invalid_model_names_are_refused(tmp_path, name):
-    with pytest.raises(UsageError) as caught:
-        rf.evaluate(Still(), output=tmp_path / "run", name=name, **SETTINGS)
-    assert caught.value.culprit == repr(name.strip())
 
 
 def test_name_option_sets_the_name_of_a_run(tmp_path, robustflow):

@@ -11,9 +11,8 @@ from robustflow.corruptions import Corruption
 from robustflow.corruptions.digital import Contrast
 from robustflow.corruptions.scale import calibration_digest
 from robustflow.data.benchmarks import load_benchmark
-from robustflow.run.cells import Cells
 from robustflow.run.config import FrameOptions, MeasuringOptions, RunConfig
-from robustflow.run.manifest import Manifest
+from robustflow.run.manifest import Cells, Manifest
 from robustflow.run.plan import Plan, Unit
 from robustflow.testing import ZeroFlow
 

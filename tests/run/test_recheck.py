@@ -8,8 +8,8 @@ import pytest
 from robustflow.api import evaluate
 from robustflow.core.errors import RobustFlowError, RunError, UsageError
 from robustflow.models import ModelRef
-from robustflow.run.recheck import recheck
 from robustflow.run.records.pack import load_any_run, pack
+from robustflow.run.repeat import recheck
 from robustflow.testing import ZeroClipFlow
 from tests.made_rows import changed_identity
 

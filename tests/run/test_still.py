@@ -10,13 +10,12 @@ import pytest
 import robustflow as rf
 from robustflow.core.errors import ModelError, RunError, UsageError
 from robustflow.data.datasets.still import Still
-from robustflow.media.flow import write_flow
 from robustflow.media.images import read_image
 from robustflow.models import ModelRef
 from robustflow.pictures.panel import draw_panel
 from robustflow.report.site import render_site, run_content
 from robustflow.run.comparable import sample_set
-from robustflow.run.recheck import recheck
+from robustflow.run.repeat import recheck
 from robustflow.run.worker import View
 from robustflow.stats.exclusion import exclusion_reasons
 from robustflow.testing import BrightnessFlow, TexturePairs
@@ -124,19 +123,8 @@ class Corrupted(TexturePairs):
         return []
 
 
-@pytest.mark.parametrize("name", ["kitti-fc", "gopro-fc"])
-def test_still_run_of_a_published_benchmark_is_refused_before_it_is_opened(name, tmp_path):
-    refusal(
-        lambda: rf.evaluate("dis", name, tmp_path / "nothing here", tmp_path / "run", still=True), UsageError, "--still"
-    )
-
-
-def test_frames_and_flows_that_exist_only_for_moving_pairs_are_refused_in_one_line(tmp_path, clip_folder):
+def test_frames_that_exist_only_for_moving_pairs_are_refused():
     refusal(lambda: Still(Corrupted(1), ["0"]), UsageError, "--still")
-    flows = tmp_path / "flows" / "clean"
-    flows.mkdir(parents=True)
-    write_flow(flows / "0.flo", np.zeros((48, 64, 2), np.float32))
-    refusal(lambda: still_run(tmp_path / "flows", clip_folder, tmp_path / "run"), UsageError, "--still")
 
 
 def test_still_run_on_training_frames_is_labelled_leaked():
@@ -209,7 +197,7 @@ def test_equal_draws_are_predicted_once_and_have_no_spread(clip_folder, tmp_path
     assert "draws" in str(refusal(lambda: again(draws=1), RunError, tmp_path / "run"))
 
 
-def test_draws_that_cannot_be_measured_are_refused_in_one_line(clip_folder, tmp_path):
+def test_nan_of_an_additional_draw_is_refused(clip_folder, tmp_path):
     class Lost(BrightnessFlow):
         asked = 0
 
@@ -219,13 +207,8 @@ def test_draws_that_cannot_be_measured_are_refused_in_one_line(clip_folder, tmp_
             flow[0, 0] = np.nan if Lost.asked == 3 else 0
             return flow
 
-    for model, options, error, culprit in (
-        ("dis", {"draws": 0}, UsageError, "draws"),
-        ("dis", {"draws": 2, "confidence": "forward-backward"}, UsageError, "--confidence"),
-        (Lost(), {"draws": 2}, ModelError, "sample '3', impulse_noise severity 2"),
-    ):
-        run = partial(still_run, model, clip_folder, tmp_path / "run", limit=1, workers=1, **options)
-        refusal(run, error, culprit)
+    run = partial(still_run, Lost(), clip_folder, tmp_path / "run", limit=1, workers=1, draws=2)
+    refusal(run, ModelError, "sample '3', impulse_noise severity 2")
 
 
 def test_the_panel_of_a_still_scene_can_be_drawn_without_any_motion(real_pictures):

@@ -85,9 +85,10 @@ def test_rows_of_dropped_samples_and_clean_flows_of_finished_ones_are_deleted(fo
 
 
 def test_keys_with_similar_file_names_have_separate_files(folder):
-    for key in ("a/b", "a_b", "a b", "a:b", "x" * 300, "x" * 299, ".."):
+    keys = ("a/b", "a_b", "a b", "a:b", "x" * 300, "x" * 299, "..")
+    for key in keys:
         _write(folder, key, "fog:1+snow", (1,))
-    assert folder.rows()["sample"].n_unique() == 7
+    assert folder.rows()["sample"].n_unique() == len(set(map(folder.clean_path, keys))) == len(keys)
 
 
 def test_rows_of_one_corruption_are_those_among_all(folder):

@@ -50,8 +50,7 @@ def leaderboard(
     from ..report.site import render_site, whole_content
     from ..report.site.content import MOST_DETAILED
     from ..report.site.examples import embedded_slider
-    from ..run.records.collection import add_records, collected, is_collection
-    from ..run.records.pack import load_any_run
+    from ..run.records.pack import add_records, collected, is_collection, load_any_run
     from ..stats.imported import read_imported
     from ..stats.results_file import read_results, results_csv
 

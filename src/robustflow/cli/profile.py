@@ -16,7 +16,7 @@ from . import complete
 from .options import model_options, refuse_unused, shared
 
 if TYPE_CHECKING:
-    from ..run.profile import Counts, PredictionCost
+    from ..models.profile import Counts, PredictionCost
 
 
 @shared("option", "device", "precision")
@@ -69,10 +69,10 @@ def _print_model(
 ) -> "tuple[Counts, PredictionCost | None]":
     from ..models import ModelRef
     from ..models.catalog import entries_of, methods
+    from ..models.profile import count_prediction, measure_prediction, network_of
     from ..models.tiling import TiledModel
     from ..models.torch.build import RANDOM
     from ..run.costs import RunCost, check_profiled_model
-    from ..run.profile import count_prediction, measure_prediction, network_of
     from ..run.run import Run
 
     run = None if into is None else Run(into)
@@ -115,8 +115,8 @@ def _print_side_by_side(costs: "list[tuple[str, Counts, PredictionCost | None]]"
 
 
 def _print_paper() -> None:
+    from ..models.profile import count_as_the_paper
     from ..run.costs import COUNTED_SIZE
-    from ..run.profile import count_as_the_paper
     from ..stats.published.tables import published_costs
 
     line = "{:13s} {:>9s} {:>7s} {:>7s} {:>7s} {:>7s} {:>8s} {:>8s} {:>7s} {:>8s}"

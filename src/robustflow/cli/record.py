@@ -106,7 +106,7 @@ def _compare_rows(reader: "Reader", data: Path | None, model: "ModelRef | None" 
     because their frames depend on the model."""
     import polars as pl
 
-    from ..run.recheck import recheck
+    from ..run.repeat import recheck
 
     rows = reader.frame.filter(~pl.col("corruption").is_in(list(reader.attacks)))
     return recheck(reader.plan.identity, rows, data, model=model, **options)

@@ -153,8 +153,8 @@ def _draw(folder: Path, cell: tuple[str | None, str | None, int | None], given: 
     from ..pictures.examples import draw_example, write_examples
     from ..report.gallery.examples import FOLDER, are_current
     from ..report.site.page import write_report
+    from ..run.repeat import restore_plan
     from ..run.run import Run
-    from ..run.setup import restore_plan
     from ..run.source import RunSource
     from ..run.store import RunFolder
 

@@ -22,7 +22,7 @@ from ..report.render import render, renderer
 from ..report.render.terminal import render as render_terminal
 from ..report.run_tables import confidence_table, corruptions_table, runs_table, severities_table
 from ..report.table import Table, interval_text, number_text
-from ..run.cells import UNEVEN, left_out_sentence
+from ..run.manifest import UNEVEN, left_out_sentence
 from ..run.run import Run
 from ..stats.attacks import attack_scores
 from ..stats.exclusion import CAVEAT, PHANTOM, enough_to_compare, exclusion_reasons, without_truth

@@ -28,11 +28,11 @@ from ..report.gallery.examples import (
     cell_scores,
     example_list,
 )
-from ..run.cells import Cell
 from ..run.engines.choose import suits_a_child
-from ..run.pictures import SLIDER_WIDTH, picture_path, slider_picture
+from ..run.manifest import Cell
 from ..run.plan import Job, Plan
 from ..run.run import Run
+from ..run.stages import SLIDER_WIDTH, picture_path, slider_picture
 from ..run.worker import View, Worker, temporary_worker
 from .panel import draw_panel, numbers_line, panel_title
 

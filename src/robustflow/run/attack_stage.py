@@ -27,8 +27,8 @@ from ..metrics.error_maps import epe_map
 from ..metrics.rows import CLEAN
 from ..models.calls import describe_cell, describe_cells, predict_checked
 from ..models.protocols import AnyModel, FlowModel
-from .cells import Cell
 from .data_files import file_digests
+from .manifest import Cell
 from .plan import Job, Plan, Unit
 from .stages import Seconds, timed
 from .store import RunFolder

@@ -22,8 +22,8 @@ from ..core.text import counted, first_of, joined, plain
 from ..data.benchmarks import benchmark_facts
 from ..data.benchmarks.facts import truth_remark
 from ..metrics.rows import CLEAN, ROW_KEY
-from .cells import UNEVEN
 from .config import FrameOptions, option_of
+from .manifest import UNEVEN
 from .run import Run
 
 AnyRun = TypeVar("AnyRun", bound=Run)

@@ -1,13 +1,12 @@
 """Compute the rows of units in steps, wherever their flows are predicted: prepare frames, wait for flows, measure.
 
 `compute_units` is the one loop of all engines: it starts units, takes one step of one of them at a time, and finishes
-them. An engine is a `Place` where flows are predicted: this thread, another thread, or another process.
+them. An engine says where flows are predicted: in this thread, another thread, or another process.
 """
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
-from collections.abc import Container, Generator, Iterable, Sequence
+from collections.abc import Callable, Container, Generator, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
@@ -22,7 +21,7 @@ from ..metrics.photometric import Misread, misread, misread_truth
 from ..metrics.rows import CLEAN, COVERAGES, measure
 from ..models.calls import describe_cell
 from ..models.confidence import Answer, flow_of
-from .cells import Cell
+from .manifest import Cell
 from .plan import Job, Unit
 from .stages import (
     FrameStage,
@@ -132,37 +131,32 @@ class Computation:
             opened = self._samples[key] = self.frames.load(key)
             clean = None if self._folder is None else read_array(self._folder.clean_path(key), key)
             if clean is not None:
-                self._set_clean(opened, clean)
+                self.set_clean(opened, clean, stored=True)
         return self._samples[key]
 
-    def request_clean(self, opened: OpenSample) -> PredictionRequest:
-        """Return the request for the clean flow of a sample, which is made once."""
-        opened.requested = True
-        sample = opened.sample
+    def request_clean(self, sample: Sample) -> PredictionRequest:
         return self.frames.request(sample, (sample.key, CLEAN, 0), sample.frames)
 
-    def keep_clean(self, opened: OpenSample, clean: Answer) -> None:
-        """Keep the predicted clean flow of a sample, here and for other workers."""
-        if self._folder is not None:
-            write_array(self._folder.clean_path(opened.sample.key), clean, opened.sample.key)
-        self._set_clean(opened, clean)
-
-    def _set_clean(self, opened: OpenSample, clean: Answer) -> None:
-        """Raise a RunError if the run already has a clean row of the sample, and it differs."""
-        opened.clean, opened.requested = clean, True
-        if opened.sample.key in self._kept:
-            check_same(self._kept[opened.sample.key], self._clean_row(opened))
+    def set_clean(self, opened: OpenSample, clean: Answer, stored: bool = False) -> None:
+        """Set the clean flow of a sample, and store it for other workers; its row must be the one that the run already
+        has, if any."""
+        key, opened.clean, opened.requested = opened.sample.key, clean, True
+        if self._folder is not None and not stored:
+            write_array(self._folder.clean_path(key), clean, key)
+        if key in self._kept:
+            check_same(self._kept[key], self._clean_row(opened))
 
     def rows(self, unit: Unit) -> Steps:
         """Return the rows of a unit that is no attack, in the order of its severities."""
         opened = self.open(unit.key)
         if not opened.requested:
-            answers = yield [self.request_clean(opened)]
+            opened.requested = True
+            answers = yield [self.request_clean(opened.sample)]
             assert answers is not None
-            self.keep_clean(opened, answers[0])
+            self.set_clean(opened, answers[0])
             if self._asked_twice and unit.cells[0] == (self._first, CLEAN, 0):
                 yield []
-                answers = yield [replace(self.request_clean(opened), again=True)]
+                answers = yield [replace(self.request_clean(opened.sample), again=True)]
                 assert answers is not None
                 assert opened.clean is not None
                 self._differs = not np.array_equal(answers[0], opened.clean, equal_nan=True)
@@ -245,80 +239,60 @@ class Task:
     steps: Steps
     waits: bool = False
     """Whether it has requested flows that have not arrived."""
-    measured: int = 0
-    """Number of steps for which flows have arrived."""
+    turn: int = 0
+    """When the latest of its flows arrived; 0 before the first."""
+
+    def step(self, answers: list[Answer] | Exception | None, predict: Predict) -> None:
+        """Take a step, with the flows requested by the last one; after the last step, raise StopIteration(rows)."""
+        requests = self.steps.throw(answers) if isinstance(answers, Exception) else self.steps.send(answers)
+        self.waits = bool(requests)
+        if requests:
+            predict(self, requests)
 
 
-class Answered(NamedTuple):
-    """The flows that a task has requested, or the error that was raised instead, and the seconds of the prediction."""
+class Ready(NamedTuple):
+    """A task that can take a step, with the flows that it has requested or the error that the model raised, and the
+    seconds of the prediction."""
 
     task: Task
-    answers: list[Answer] | Exception
+    answers: list[Answer] | Exception | None = None
     seconds: float = 0.0
 
 
-class Place(ABC):
-    """Where the flows of a loop are predicted, and where its units come from."""
-
-    ended = False
-    """Whether all units have been received."""
-
-    def has_room(self) -> bool:
-        """Return whether another task may request flows."""
-        return True
-
-    @abstractmethod
-    def receive(self, wait: bool) -> Iterable[Unit | Answered]:
-        """Yield units and flows that have arrived; if there are none, wait for some if no task can continue."""
-
-    def prepare(self, unit: Unit) -> None:  # noqa: B027
-        """Note that the next frames of a unit are being prepared."""
-
-    @abstractmethod
-    def predict(self, task: Task, requests: list[PredictionRequest]) -> None:
-        """Begin to predict the flows of requests."""
-
-    @abstractmethod
-    def finish(self, done: FinishedUnit) -> None:
-        """Take a finished unit."""
+Receive = Callable[[Task | None], Iterable[Unit | Ready]]
+"""Yields new units and the tasks whose flows have arrived; if there are none, the given task, which needs no flow, or
+waits. Nothing if no unit is left."""
+Predict = Callable[[Task, list[PredictionRequest]], None]
+"""Starts to predict the flows that a task has requested."""
 
 
-def compute_units(computation: Computation, place: Place) -> None:
-    """Compute units that are no attacks until all are finished. Flows that have arrived are measured first; otherwise
-    the next frames of one task are prepared. Before an error is raised, the tasks before the failed one are finished.
-    """
+def compute_units(computation: Computation, receive: Receive, predict: Predict) -> Iterator[FinishedUnit]:
+    """Compute units that are no attacks. Before an error is raised, the tasks before the failed one are finished."""
     tasks: list[Task] = []
     error: Exception | None = None
-
-    def step(task: Task, answers: list[Answer] | Exception | None) -> None:
-        nonlocal error, tasks
-        try:
-            requests = task.steps.throw(answers) if isinstance(answers, Exception) else task.steps.send(answers)
-            if requests:
-                task.waits = True
-                place.predict(task, requests)
-        except StopIteration as end:
-            tasks.remove(task)
-            place.finish(computation.finished(task.unit, end.value))
-        except Exception as first_so_far:
-            error, tasks = first_so_far, tasks[: tasks.index(task)]
-
-    while tasks or not (error or place.ended):
-        task = _next(tasks) if place.has_room() else None
-        for message in place.receive(wait=task is None):
-            if isinstance(message, Answered):
-                computation.predicted(message.seconds)
-                if message.task in tasks:
-                    message.task.waits, message.task.measured = False, message.task.measured + 1
-                    step(message.task, message.answers)
-            elif error is None:
-                computation.release({message.key, *(other.unit.key for other in tasks)})
-                tasks.append(Task(message, computation.rows(message)))
-            task = None
-            del message  # free the memory of its flows
-        if task is not None:
-            place.prepare(task.unit)
-            step(task, None)
+    turn, received = 0, True
+    while received and (tasks or error is None):
+        received = False
+        for message in receive(_next(tasks)):
+            received = True
+            if isinstance(message, Unit):
+                if error is None:
+                    computation.release({message.key, *(task.unit.key for task in tasks)})
+                    tasks.append(Task(message, computation.rows(message)))
+                continue
+            task, answers, seconds = message
+            if answers is not None:
+                turn = task.turn = turn + 1
+            computation.predicted(seconds)
+            try:
+                if task in tasks:
+                    task.step(answers, predict)
+            except StopIteration as end:
+                tasks.remove(task)
+                yield computation.finished(task.unit, end.value)
+            except Exception as first_so_far:
+                error, tasks = first_so_far, tasks[: tasks.index(task)]
+            del message, answers  # free the memory of the flows
     if error is not None:
         raise error
 
@@ -328,4 +302,4 @@ def _next(tasks: Sequence[Task]) -> Task | None:
     not keep the model waiting."""
     ready = [task for task in tasks if not task.waits]
     of_sample = [task for task in ready if task.unit.key == ready[0].unit.key]
-    return min(of_sample, key=lambda task: task.measured, default=None)
+    return min(of_sample, key=lambda task: task.turn, default=None)

@@ -4,7 +4,7 @@ soon as it is finished.
 To continue, the settings have to be equal, and so do the files of the data, by their digests. That does not cover
 everything: for a user's model, the identity includes the source file, but no imported modules or other files, and some
 datasets have no files. So one clean row is measured again before anything is written, and so is that of every other
-sample when its units continue (`Computation.open`).
+sample when its units continue (`Computation.set_clean`).
 """
 
 from __future__ import annotations
@@ -30,12 +30,11 @@ from ..metrics.photometric import Misread, Reading
 from ..metrics.rows import CLEAN
 from ..models.protocols import FlowLookup
 from ..models.provenance import UNDECLARED
-from .cells import merged_levels, union
 from .computation import OF_TRUTH, FinishedUnit
 from .data_files import check_listed, file_digests, files_of_sample
 from .engines.base import Engine
 from .identity import Environment, difference, environment, versions_in_words
-from .manifest import Manifest, clips_of
+from .manifest import Manifest, clips_of, merged_levels, union
 from .plan import Plan
 from .progress import Progress, TerminalProgress
 from .store import RunFolder

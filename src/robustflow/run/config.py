@@ -10,11 +10,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
-from pydantic import Field, SkipValidation, StrictBool, ValidationError, field_validator
+from pydantic import BeforeValidator, Field, StrictBool, ValidationError, ValidationInfo, field_validator
 from pydantic.fields import FieldInfo
 
+from ..core.arguments import check_count, check_positive
 from ..core.errors import UsageError
 from ..core.types import Frozen, Untrusted
 
@@ -88,10 +89,26 @@ class MeasuringOptions(Untrusted):
     draws: int = Field(default=1, ge=1)
 
 
-class Selection(Frozen):
-    """Which conditions are measured on which pairs; checked where the benchmark is opened."""
+def _counted(value: Any, info: ValidationInfo) -> Any:
+    if value is None:
+        return None
+    check_count(f"--{str(info.field_name).replace('_', '-')}", value)
+    return int(value)
 
-    benchmark: SkipValidation[Any] = option(
+
+def _positive(value: Any) -> Any:
+    if value is not None:
+        check_positive("--timeout", value)
+    return value
+
+
+_Count = Annotated[int | None, BeforeValidator(_counted)]
+
+
+class Selection(Frozen):
+    """Which conditions are measured on which pairs; their names are checked where the benchmark is opened."""
+
+    benchmark: Any = option(
         "demo",
         "demo, kitti-fc, gopro-fc, any dataset (folder, sintel, ...), or your own module.path:Attribute.",
         *("--benchmark", "-b"),
@@ -99,7 +116,7 @@ class Selection(Frozen):
         complete="benchmarks",
     )
     data: Path | None = option(None, "Folder of the dataset (or a video, for 'folder').", "--data", "-d", heading=None)
-    corruptions: SkipValidation[Any] = option(
+    corruptions: Any = option(
         None,
         "Comma-separated names, families (weather), stacks (fog+snow), or your own module:Attribute; all by default.",
         *("--corruptions", "--corruption", "-c"),
@@ -107,22 +124,22 @@ class Selection(Frozen):
         parse="names",
         complete="corruptions",
     )
-    severities: SkipValidation[Any] = option(
+    severities: Any = option(
         None,
         "Severities, 1 (mild) to 5 (severe), e.g. 3 or 1,3 or 1-5.",
         *("--severities", "--severity", "-s"),
         heading=None,
         parse="numbers",
     )
-    attacks: SkipValidation[Any] = option(
+    attacks: Any = option(
         None,
         "Comma-separated attacks on the model (robustflow list attacks), with options after colons (pgd:steps=40); "
         "corruptions are run only if --corruptions is given.",
         *("--attacks", "--attack"),
         parse="names",
     )
-    limit: SkipValidation[int | None] = option(None, "Use only N pairs, evenly spaced in the dataset.", heading=DATA)
-    subset: SkipValidation[str | None] = option(
+    limit: _Count = option(None, "Use only N pairs, evenly spaced in the dataset.", heading=DATA)
+    subset: str | None = option(
         None,
         "quick: a small set of conditions that ranks models like the full set (kitti-fc); its means are estimates.",
     )
@@ -138,24 +155,24 @@ class Selection(Frozen):
 
 
 class Compute(Frozen):
-    """How a run is computed, which does not change its numbers; checked where the engine is chosen."""
+    """How a run is computed, which does not change its numbers."""
 
-    workers: SkipValidation[int | None] = option(
+    workers: _Count = option(
         None,
         "Number of processes; for a model on GPUs, of those that load data. Default: depends on model and machine.",
         *("--workers", "-w"),
         heading=HOW,
     )
-    batch_size: SkipValidation[int] = option(
+    batch_size: Annotated[int, BeforeValidator(_counted)] = option(
         1, "Number of pairs to predict or attack per call, for models that support batches.", heading=HOW
     )
-    engine: SkipValidation[str | None] = option(
+    engine: str | None = option(
         None, "serial, processes or ray; by default it depends on --device and --workers.", heading=HOW
     )
-    address: SkipValidation[str | None] = option(
+    address: str | None = option(
         None, "Address of the Ray cluster: auto, host:port or ray://host:port; this machine by default.", heading=HOW
     )
-    timeout: SkipValidation[float | None] = option(
+    timeout: Annotated[float | None, BeforeValidator(_positive)] = option(
         None, "Time limit for a single prediction, batch or attack, in seconds.", heading=HOW
     )
 

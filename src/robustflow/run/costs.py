@@ -93,7 +93,7 @@ def keep_cost(run: Run, model: Any) -> None:
     if "torch" not in sys.modules or (run.path / PROFILE).exists():
         # if PyTorch is not loaded, the model cannot be a network; importing it would take longer than a small run
         return
-    from .profile import count_prediction, network_of
+    from ..models.profile import count_prediction, network_of
 
     height, width = COUNTED_SIZE
     try:

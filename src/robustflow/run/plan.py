@@ -27,9 +27,9 @@ from ..models import ModelRef
 from ..models.objects import as_model
 from ..models.protocols import AnyModel, FlowLookup, Window, given_name, model_identity
 from ..models.provenance import DECLARED, UNDECLARED, Training, training_of
-from .cells import Cell, Cells
 from .config import DEFAULTS, FrameOptions, MeasuringOptions, RunConfig
 from .identity import IDENTITY_VERSION, FrameIdentity, Identity, Measuring, ModelIdentity, recorded_scale
+from .manifest import Cell, Cells
 
 if TYPE_CHECKING:
     from ..attacks import Attack

@@ -22,8 +22,7 @@ from ..metrics.cube import AVERAGE, Averaging, Means
 from ..metrics.measures import METRICS
 from ..metrics.rows import CLEAN, ROW_SCHEMA_VERSION
 from ..models.catalog import methods
-from .cells import UNEVEN, Cell
-from .manifest import Manifest
+from .manifest import UNEVEN, Cell, Manifest
 from .store import RunFolder
 from .summary import Averages, Measured, summarize
 from .trust import Derived

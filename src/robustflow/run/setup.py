@@ -1,31 +1,25 @@
-"""Set up one run: benchmark, model and options, from a request or from the manifest of a finished run."""
+"""Set up one run from a request: benchmark, model and options."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from ..core.arguments import check_count
-from ..core.errors import RobustFlowError, RunError, UsageError
-from ..core.text import plain
+from ..core.errors import UsageError
 from ..corruptions.corruption import BGR, VARIANTS
-from ..corruptions.user_corruptions import is_known
-from ..data.benchmarks import BENCHMARKS, Benchmark, benchmark_facts, load_benchmark
-from ..data.benchmarks.facts import check_still, is_still, moving_name
+from ..data.benchmarks import Benchmark, benchmark_facts, load_benchmark
+from ..data.benchmarks.facts import check_still, is_still
 from ..data.benchmarks.registry import check_keys
-from ..data.datasets import DATASETS
 from ..data.datasets.dataset import FromClips
 from ..models import MODELS, ModelRef
 from ..models.confidence import check_confidence
 from ..models.protocols import AnyModel, BatchedFlowModel, ClipModel, FlowLookup
-from .cells import left_out_sentence
-from .config import DEFAULTS, MeasuringOptions, RunConfig
-from .identity import FrameIdentity, Identity, checked_name, difference, differing_fields
-from .plan import NO_MODEL, NamedModel, Plan, load_corruptions, name_model
-from .run import Run
-from .source import RunSource
+from .config import DEFAULTS, RunConfig, Selection
+from .identity import checked_name
+from .manifest import left_out_sentence
+from .plan import NamedModel, Plan, load_corruptions, name_model
 
 
 def set_up(
@@ -65,76 +59,23 @@ def set_up(
 
 
 def _check_batch_size(size: int, model: AnyModel) -> None:
-    check_count("--batch-size", size)
     if size > 1 and isinstance(model, ClipModel):
         raise UsageError("--batch-size", "a multi-frame model predicts one clip at a time; omit it")
     if size > 1 and not isinstance(model, BatchedFlowModel):
         raise UsageError("--batch-size", "the model has no method predict_batch; omit it")
 
 
-def restore_plan(run: Run, source: RunSource) -> Plan:
-    """Return the plan of a finished run from its manifest, with the model and the data named in `source`."""
-    identity = run.manifest.identity
-    if source.model is None:
-        raise RunError(run.path, "run with a Python object, which has no name; specify --model NAME")
-    try:
-        named = name_model(source.model)
-    except RobustFlowError as error:
-        raise RunError(run.path, f"its model can no longer be loaded: {error}") from error
-    check_confidence(identity.measuring.confidence, named.model)
-    plan = recorded_plan(identity, run.manifest.corruptions, source.data, source.data_options, named)
-    if plan.identity != identity:
-        differing = difference(plan.identity, identity)
-        raise RunError(run.path, f"the setup differs from the run's in: {differing}; use its options")
-    return plan
-
-
-def recorded_plan(
-    identity: Identity,
-    corruptions: Iterable[str],
-    data: str | Path | None,
-    data_options: dict[str, Any],
-    model: NamedModel = NO_MODEL,
-) -> Plan:
-    """Return the plan of some of a run's corruptions from its identity, without its attacks, which are not repeated.
-    The frames have to be the same, but the model may be different, or absent."""
-    recorded = identity.frames
-    benchmark = _benchmark_of(recorded, data, data_options)
-    if unknown := [name for name in recorded.corruptions if not is_known(name)]:
-        why = "unknown corruption of the run: give it with --own-corruption, or install its package"
-        raise RunError(plain(unknown[0]), why)
-    # invalid pixels depend on the model, which may be absent
-    measuring = MeasuringOptions(allow_invalid=True) if model is NO_MODEL else identity.measuring.options
-    config = RunConfig(frames=recorded.options, measuring=measuring)
-    plan = Plan(benchmark, model, config, attack_sources=recorded.attack_sources).of_corruptions(
-        dict.fromkeys((*corruptions, *recorded.corruptions))
-    )
-    if differing := differing_fields(made := plan.identity.frames, recorded):
-        parts = [f"{getattr(recorded, name)}, here {getattr(made, name)}" for name in differing]
-        remedies = [words for name, words in _REMEDIES.items() if name in differing]
-        raise RunError(
-            ", ".join(differing),
-            f"the frames computed here differ from those of the run ({plain('; '.join(parts), 300)}); "
-            f"{remedies[0] if remedies else 'use the version of the run'}",
+def open_selection(chosen: Selection, variant: str) -> Benchmark:
+    """Open the benchmark of a request, with the conditions and the pairs that it names."""
+    conditions = chosen.corruptions, chosen.severities, chosen.attacks
+    if chosen.subset is not None and (chosen.still or any(given is not None for given in conditions)):
+        raise UsageError(
+            "a subset defines its own corruptions and severities; it cannot be combined with "
+            "corruptions, severities, attacks or still"
         )
-    return plan
-
-
-_REMEDIES = {
-    "dataset": "use the data and data options of the run",
-    "protocol": "use the data and data options of the run",
-    "depth": "pass the depth maps of the run with -D depth=DIR and, if it had them, -D focal=PX and -D depth_unit=UNIT",
-    "psf": "set ROBUSTFLOW_PSF_DIR to the same value as for the run",
-    "corruptions": "pass the run's version of your corruption with --own-corruption",
-}
-
-
-def _benchmark_of(frames: FrameIdentity, data: str | Path | None, data_options: dict[str, Any]) -> Benchmark:
-    """Return the benchmark of a run; raise if opening it would load code named in an untrusted file."""
-    name = moving_name(frames.benchmark)
-    if name not in BENCHMARKS and name not in DATASETS:
-        raise RunError(plain(frames.benchmark), "unknown benchmark; code named in a run is never loaded")
-    return open_benchmark(name, data, None, data_options, frames.variant, still=is_still(frames.benchmark))
+    opened = open_benchmark(chosen.benchmark, chosen.data, chosen.split, chosen.data_options, variant, chosen.still)
+    within = opened if chosen.subset is None else opened.subset(chosen.subset)
+    return within.narrowed(chosen.corruptions, chosen.severities, chosen.limit, chosen.attacks)
 
 
 def open_benchmark(

@@ -9,12 +9,13 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from itertools import chain
+from pathlib import Path
 
 import cv2
 import numpy as np
 
 from ..core.errors import DataError, RunError, UsageError, first_line
-from ..core.files import quick_digest_of_bytes, write_bytes
+from ..core.files import digest_of_bytes, quick_digest_of_bytes, write_bytes
 from ..core.types import Flow, Frame, Sample, SceneDepth
 from ..corruptions.api import corrupt_clip
 from ..corruptions.corruption import Corruption
@@ -22,6 +23,7 @@ from ..corruptions.registry import SHIPPED
 from ..data.datasets.clips import ContextFrames
 from ..data.datasets.dataset import Clips, PreCorrupted
 from ..data.datasets.own_dataset import load_checked
+from ..media.images import jpeg_bytes, shrunk
 from ..metrics.regions import Regions
 from ..metrics.rows import CLEAN
 from ..models.calls import describe_cell, describe_cells, predict_batch_checked, predict_checked, predict_clip_checked
@@ -36,9 +38,11 @@ from ..models.confidence import (
     with_spread,
 )
 from ..models.protocols import AnyModel, BatchedFlowModel, ClipModel, FlowLookup, FlowModel, place_of_pair
-from .cells import Cell
-from .pictures import picture_path, slider_picture
+from .manifest import Cell
 from .plan import Job
+
+SLIDER_WIDTH = 384
+"""Maximum width of a slider picture in pixels, in the folder and on pages."""
 
 Seconds = defaultdict[str, float]
 """Seconds by kind of work: "load", "corrupt", "attack", "predict", "measure", and one entry per attack, such as "attack
@@ -189,6 +193,17 @@ class FrameStage:
             self._last_depth = None  # released before the next depth is read
             self._last_depth = sample.key, self._job.depth.depth(sample)
         return self._last_depth[1]
+
+
+def slider_picture(frames: tuple[Frame, ...], clean: tuple[Frame, ...]) -> bytes:
+    """Return a JPEG of the first frame that a corruption changed: over_exposure changes only one of the two."""
+    changed = [frame for frame, before in zip(frames, clean, strict=False) if not np.array_equal(frame, before)]
+    return jpeg_bytes(shrunk((changed or frames)[0], SLIDER_WIDTH))
+
+
+def picture_path(folder: Path, corruption: str, severity: int) -> Path:
+    """Return where a worker stores the slider picture of a cell."""
+    return folder / f"{digest_of_bytes(f'{corruption} {severity}'.encode(), size=16)}.jpg"
 
 
 class PredictStage:

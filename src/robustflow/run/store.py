@@ -29,8 +29,7 @@ from ..core.errors import RunError, UsageError
 from ..core.files import TEMPORARY, digest_of_bytes, digest_of_value, make_folder, write_bytes
 from ..core.paths import refuse_links, user_path
 from ..metrics.rows import ROW_KEY, ROW_SCHEMA, rows_frame
-from .cells import Cell
-from .manifest import LARGEST_MANIFEST, Manifest
+from .manifest import LARGEST_MANIFEST, Cell, Manifest
 from .trust import read_document
 
 if TYPE_CHECKING:

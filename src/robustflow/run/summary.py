@@ -14,7 +14,7 @@ from ..metrics.cube import AVERAGE, PAPER, Averaging, Cube, Means, means_of_run
 from ..metrics.measures import METRICS
 from ..metrics.regions import REGIONS
 from ..metrics.rows import CLEAN, ROW_KEY, ROW_SCHEMA_VERSION
-from .cells import Cell
+from .manifest import Cell
 
 SUMMARY_VERSION = 6
 """Version of `summary.json`, incremented when a field is added or changes its meaning."""

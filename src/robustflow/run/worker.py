@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from concurrent.futures import CancelledError, ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
 from itertools import chain, islice
@@ -15,8 +14,8 @@ from ..core.compiled import load_numba
 from ..core.opencv import one_opencv_thread
 from ..core.types import Flow, Frame, Sample
 from ..models.confidence import flow_of
-from .cells import Cell
-from .computation import Answered, Computation, FinishedUnit, Place, Task, compute_units
+from .computation import Computation, FinishedUnit, Ready, Task, compute_units
+from .manifest import Cell
 from .plan import Job, Unit
 from .stages import OpenSample, PredictionRequest, PredictStage, Seconds
 
@@ -35,52 +34,33 @@ class View:
     row: dict[str, Any]
 
 
-class _ThisThread(Place):
-    """Flows of one unit are predicted when they are requested."""
-
-    def __init__(self, unit: Unit, model: PredictStage) -> None:
-        self._model = model
-        self._messages = deque[Unit | Answered]([unit])
-
-    def receive(self, wait: bool) -> Iterable[Unit | Answered]:
-        self.ended = True
-        while self._messages:
-            yield self._messages.popleft()
-
-    def predict(self, task: Task, requests: list[PredictionRequest]) -> None:
-        self._messages.append(Answered(task, *self._model.predict(requests)))
-
-    def finish(self, done: FinishedUnit) -> None:
-        self.done = done
-
-
-class _OtherThread(Place):
-    """Flows are predicted in the thread that iterates over the finished units, while the loop runs in a second one."""
+class _OtherThread:
+    """Let another thread predict flows: the one that iterates over the finished units."""
 
     def __init__(self, units: Iterable[Unit]) -> None:
-        self._waiting = iter(units)
+        self._units = iter(units)
         self._free = 1 + UNITS_AHEAD
         self.outbox = SimpleQueue[tuple[Task, list[PredictionRequest]] | FinishedUnit | None]()
-        self.inbox = SimpleQueue[Answered | None]()
-        """Answers; None if no more are going to be given."""
+        self.inbox = SimpleQueue[Ready | None]()
+        """Tasks whose flows have been predicted; None to end the loop."""
 
-    def receive(self, wait: bool) -> Iterable[Unit | Answered]:
-        units = list(islice(self._waiting, self._free))
-        self._free, self.ended = self._free - len(units), len(units) < self._free
-        yield from units
-        busy = self._free <= UNITS_AHEAD and not units
-        if busy and (wait or not self.inbox.empty()):
-            answered = self.inbox.get()
-            if answered is None:
-                raise CancelledError
-            yield answered
+    def compute(self, computation: Computation) -> None:
+        """Run the loop in this thread."""
+        try:
+            for done in compute_units(computation, self._receive, lambda *request: self.outbox.put(request)):
+                self._free += 1
+                self.outbox.put(done)
+        finally:
+            self.outbox.put(None)
 
-    def predict(self, task: Task, requests: list[PredictionRequest]) -> None:
-        self.outbox.put((task, requests))
-
-    def finish(self, done: FinishedUnit) -> None:
-        self._free += 1
-        self.outbox.put(done)
+    def _receive(self, task: Task | None) -> Iterable[Unit | Ready]:
+        if units := list(islice(self._units, self._free)):
+            self._free -= len(units)
+            return units
+        if task is not None and self.inbox.empty():
+            return [Ready(task)]
+        ready = self.inbox.get() if self._free <= UNITS_AHEAD else None
+        return [] if ready is None else [ready]
 
 
 class Worker:
@@ -103,9 +83,18 @@ class Worker:
         """Compute a unit; its rows are in the order of its severities."""
         if self._attacks is not None and unit.corruption in self._attacks.attacks:
             return self.run_attack([unit])[0]
-        place = _ThisThread(unit, self._model)
-        compute_units(self._computation, place)
-        return place.done
+        arrived: list[Unit | Ready] = [unit]
+
+        def receive(task: Task | None) -> list[Unit | Ready]:
+            messages = arrived.copy() or ([Ready(task)] if task else [])
+            arrived.clear()
+            return messages
+
+        def predict(task: Task, requests: list[PredictionRequest]) -> None:
+            arrived.append(Ready(task, *self._model.predict(requests)))
+
+        (done,) = compute_units(self._computation, receive, predict)
+        return done
 
     def run_ahead(self, units: Iterable[Unit]) -> Iterator[FinishedUnit]:
         """Compute units that are no attacks. The model works in this thread, while a second one measures its flows and
@@ -113,23 +102,22 @@ class Worker:
         load_numba()
         place = _OtherThread(units)
         with ThreadPoolExecutor(1) as thread:
-            loop = thread.submit(compute_units, self._computation, place)
-            loop.add_done_callback(lambda ended: place.outbox.put(None))
+            loop = thread.submit(place.compute, self._computation)
             try:
                 while (message := place.outbox.get()) is not None:
                     if isinstance(message, FinishedUnit):
                         yield message
                     else:
-                        place.inbox.put(self._answered(*message))
+                        place.inbox.put(self._predicted(*message))
                 loop.result()
             finally:
                 place.inbox.put(None)
 
-    def _answered(self, task: Task, requests: list[PredictionRequest]) -> Answered:
+    def _predicted(self, task: Task, requests: list[PredictionRequest]) -> Ready:
         try:
-            return Answered(task, *self._model.predict(requests))
+            return Ready(task, *self._model.predict(requests))
         except Exception as error:
-            return Answered(task, error)
+            return Ready(task, error)
 
     def run_attack(self, units: Sequence[Unit]) -> list[FinishedUnit]:
         """Compute the units of one attack; cells of different samples can share a batch."""
@@ -171,9 +159,9 @@ class Worker:
         self._computation.release([key])
         opened = self._computation.open(key)
         if opened.clean is None:
-            ((clean,), seconds) = self._model.predict([self._computation.request_clean(opened)])
+            ((clean,), seconds) = self._model.predict([self._computation.request_clean(opened.sample)])
             self._computation.predicted(seconds)
-            self._computation.keep_clean(opened, clean)
+            self._computation.set_clean(opened, clean)
         return opened
 
 

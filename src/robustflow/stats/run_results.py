@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 from ..core.text import counted, joined
 from ..data.benchmarks import benchmark_facts, outside_remark
 from ..data.benchmarks.facts import estimate_remark, sample_noun, truth_remark
-from ..run.cells import UNEVEN
 from ..run.comparable import conditions_of, sample_set
+from ..run.manifest import UNEVEN
 from .intervals import more_than_paper
 from .results import benchmark_words, inside, long_label
 

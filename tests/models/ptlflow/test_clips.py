@@ -149,7 +149,7 @@ def test_clip_models_that_accept_two_frames_equal_the_library(library, name):
 @pytest.mark.torch
 @pytest.mark.parametrize("name", ["videoflow_mof", "streamflow"])
 def test_clip_models_that_need_more_frames_use_the_whole_short_sequence(library, name):
-    from robustflow.run.profile import network_of
+    from robustflow.models.profile import network_of
 
     model = adapter(name)
     assert isinstance(model, ClipModel)

@@ -54,21 +54,11 @@ def test_a_record_holds_the_rows_of_attacks(attacked_run, attacked, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("where", "change", "check"),
-    [
-        (_SQUARE, {"attack_linf": 1.5}, "measurements"),
-        (pl.col("corruption") == "random_gauss", {"attack_rms": 0.51}, "measurements"),
-        (_SQUARE, {"attack_warnings": "fine"}, "rows"),
-        (_SQUARE, {"attack_gradient": "steep"}, "rows"),
-        (_SQUARE, {"attack_rms": None}, "measurements"),
-        (_SQUARE, {"attack_way_gone": 2.0}, "measurements"),
-        (_SQUARE, {"attack_evaluations": -1}, "rows"),
-        (pl.col("corruption") == "contrast", {"attack_linf": 0.0}, "measurements"),
-    ],
+    "change", [{"attack_warnings": "fine"}, {"attack_gradient": "steep"}, {"attack_evaluations": -1}]
 )
-def test_a_forged_row_of_an_attack_is_detected(attacked, where, change, check):
+def test_a_forged_row_of_an_attack_is_detected(attacked, change):
     values = {name: pl.lit(value, ROW_SCHEMA[name]) for name, value in change.items()}
-    assert_fails(with_rows(attacked, at(where, **values)), check)
+    assert_fails(with_rows(attacked, at(_SQUARE, **values)), "rows")
 
 
 def test_attacks_that_are_missing_or_unknown_are_detected(attacked):

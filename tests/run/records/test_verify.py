@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from functools import reduce
 
 import polars as pl
 import pytest
@@ -132,6 +131,7 @@ FORGED = {
         _rows(at(_FOG, corruption=pl.lit("x" * 10_000))),
         _rows(at(_FOG, truth=pl.lit("moved"))),
         _rows(at(_FOG, truth_digest=pl.lit(None, pl.String))),
+        _rows(at(_FOG, fl_count=pl.col("n_valid") + 1)),
         _rows(lambda rows: pl.concat([rows, rows.filter(_FOG)])),
         _rows(lambda rows: rows.clear()),
         _text(b"\n", b"\r\n"),
@@ -159,12 +159,6 @@ FORGED = {
         _rows(lambda rows: rows.filter(corruption="fog")),
         _rows(at(_FOG, sample=pl.lit("other"))),
         _rows(at(_FOG, n_invalid=pl.lit(1, pl.Int64), n_all=pl.col("n_all") - 1)),
-    ],
-    "measurements": [
-        _rows(at(_FOG, truth=pl.lit("none"))),
-        _rows(at(_FOG, height=pl.col("height") + 1)),
-        _rows(at(_FOG, clean_epe_sum=pl.col("clean_epe_sum") / 2)),
-        _rows(at(_FOG, fl_count=pl.col("n_valid") + 1)),
     ],
 }
 """Changes of a record, by the first check that fails."""
@@ -199,21 +193,14 @@ def test_removed_number_is_detected(packed):
 @pytest.mark.parametrize(
     "text",
     [
-        b"",
         b"[1]\n",
-        b"{",
         b"[" * 60_000,
-        *(b'{"a":' * depth + b"1" + b"}" * depth for depth in (300, 900, 10_000)),
+        *(b'{"a":' * depth + b"1" + b"}" * depth for depth in (300, 10_000)),
         b'{"cre": NaN}\n',
-        b'{"cre": Infinity}\n',
-        b'{"cre": 1e999}\n',
         b'{\n  "cre": 1,\n  "cre": 2\n}\n',
         b'{"a": "\xff"}',
         b'{"a": "\\ud800"}',
         b'{"a": ' + b"9" * 5_000 + b"}",
-        b"\xef\xbb\xbf{}\n",
-        json_bytes({"a": {"b": {"c": {"d": 1}}}})[:-1],
-        json_bytes(reduce(lambda value, _: {"a": value}, range(100), {})),
     ],
 )
 def test_invalid_json_fails(packed, name, text):
@@ -286,5 +273,5 @@ def test_plan_that_contradicts_the_severities_of_its_scale_fails(tmp_path):
 def test_verification_leaves_no_temporary_file(packed, tmp_path, monkeypatch):
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
     assert verified(packed).ok
-    assert not verified(with_rows(packed, at(_FOG, clean_epe_sum=pl.lit(0.0)))).ok
+    assert not verified(with_rows(packed, at(_FOG, n_invalid=pl.lit(1, pl.Int64)))).ok
     assert not list(tmp_path.iterdir())

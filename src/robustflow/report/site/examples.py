@@ -35,7 +35,7 @@ from ...data.benchmarks.facts import is_still
 from ...data.benchmarks.paper import DEMO_CLASSES
 from ...data.datasets import load_dataset
 from ...media.images import jpeg_address, read_image
-from ...run.pictures import SLIDER_WIDTH
+from ...run.stages import SLIDER_WIDTH
 from ...run.trust import code_digest
 from ...stats.model_result import ModelResult
 from ...stats.results import long_label

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING
 from ...core.text import counted, plain
 from ...corruptions.registry import ordered
 from ...data.benchmarks import benchmark_facts
-from ...run.cells import Cells, left_out_sentence
 from ...run.costs import RunCost
 from ...run.identity import Environment
+from ...run.manifest import Cells, left_out_sentence
 from ...stats.model_result import ModelResult, ValueKey
 from ...stats.published.tables import method_of
 from ...stats.results import (

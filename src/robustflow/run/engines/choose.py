@@ -7,7 +7,6 @@ import os
 from collections.abc import Sequence
 from dataclasses import replace
 
-from ...core.arguments import check_count, check_positive
 from ...core.errors import UsageError, unknown_name
 from ...core.plugins import require
 from ...core.processes import forks_children
@@ -40,10 +39,6 @@ def choose_engine(plan: Plan) -> Engine:
     """Return the engine that the user names, or the one that suits the model, the number of workers and the timeout."""
     asked_for, model = plan.config.compute, plan.model
     name, workers, timeout, address = asked_for.engine, asked_for.workers, asked_for.timeout, asked_for.address
-    if workers is not None:
-        check_count("--workers", workers)
-    if timeout is not None:
-        check_positive("--timeout", timeout)
     if name not in (None, *ENGINES):
         raise unknown_name("engine", str(name), ENGINES)
     if name == "ray":

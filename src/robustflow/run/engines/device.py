@@ -13,8 +13,8 @@ from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from multiprocessing.connection import Connection
-from multiprocessing.connection import wait as wait_for
+from itertools import chain
+from multiprocessing.connection import Connection, wait
 from multiprocessing.reduction import DupFd
 from typing import Any
 
@@ -24,8 +24,8 @@ from ...core.errors import RunError
 from ...metrics.rows import CLEAN
 from ...models.calls import describe_cell
 from ...models.confidence import CHANNELS, Answer
-from ..cells import Cell
-from ..computation import Answered, Computation, FinishedUnit, Place, Task, compute_units
+from ..computation import Computation, Ready, Task, compute_units
+from ..manifest import Cell
 from ..plan import Job, NamedModel, Unit
 from ..stages import PredictionRequest, PredictStage, Seconds, timed
 from .base import unpickled
@@ -94,7 +94,7 @@ def predict_forever(driver: Connection, sent: bytes, confidence: str | None, lin
     batches = dict(links)
     waiting: deque[tuple[Connection, int, list[SharedRequest]]] = deque()
     while True:
-        for ready in wait_for([driver, *batches], timeout=0 if waiting else None):
+        for ready in wait([driver, *batches], timeout=0 if waiting else None):
             assert isinstance(ready, Connection)
             if ready is driver:
                 driver.recv()  # raises EOFError, because the other end sends nothing before it closes
@@ -126,11 +126,13 @@ def feed_forever(driver: Connection, sent: bytes, device: Connection, batches: l
     """Corrupt and measure cells until the driver ends this process; the main function of a feeder."""
     job: Job = unpickled(sent)
     seconds = Seconds(float)
-    compute_units(Computation(job, seconds), Feeder(driver, job, seconds, device, batches))
+    feeder = Feeder(driver, job, seconds, device, batches)
+    for done in compute_units(Computation(job, seconds), feeder.receive, feeder.predict):
+        driver.send(("rows", done))
 
 
-class Feeder(Place):
-    """Flows are predicted in another process, in batches of one sample."""
+class Feeder:
+    """Let another process predict flows, in batches of one sample."""
 
     def __init__(
         self, driver: Connection, job: Job, seconds: Seconds, device: Connection, batches: list[SharedBatch]
@@ -146,28 +148,25 @@ class Feeder(Place):
         self._answers: dict[Task, dict[Cell, Answer | None]] = {}
         """The requested cells of each task in order, with the answers that have arrived."""
 
-    def has_room(self) -> bool:
-        return len(self._free) > 1
-
-    def receive(self, wait: bool) -> Iterator[Unit | Answered]:
-        if wait and not self._in_flight:
-            self._send()
-        for ready in wait_for([self._device, self._driver], timeout=None if wait else 0):
-            if ready is self._driver:
-                yield self._driver.recv()
-            else:
-                yield from self._receive_flows()
-
-    def prepare(self, unit: Unit) -> None:
-        self._driver.send(("doing", describe_cell(unit.key, unit.corruption, *unit.severities)))
+    def receive(self, task: Task | None) -> Iterator[Unit | Ready]:
+        received = False
+        while not received:
+            waits = task is None or len(self._free) < 2
+            if waits and not self._in_flight:
+                self._send()
+            arrived = wait([self._device, self._driver], timeout=None if waits else 0)
+            for message in chain.from_iterable(map(self._messages, arrived)):
+                received = True
+                yield message
+            if task is not None and not arrived:
+                self._driver.send(("doing", describe_cell(task.unit.key, task.unit.corruption, *task.unit.severities)))
+                yield Ready(task)
+                return
 
     def predict(self, task: Task, requests: list[PredictionRequest]) -> None:
         self._answers[task] = {request.cell: None for request in requests}
         for request in requests:
             self._request(task, request)
-
-    def finish(self, done: FinishedUnit) -> None:
-        self._driver.send(("rows", done))
 
     def _request(self, task: Task, request: PredictionRequest) -> None:
         """Copy the frames of a cell into the current batch, and send the batch if it is full."""
@@ -193,8 +192,12 @@ class Feeder(Place):
             self._in_flight.append((index, self._filling))
             self._filling = []
 
-    def _receive_flows(self) -> Iterator[Answered]:
-        """Yield the tasks whose flows have all arrived; they may use the place of this batch only until the next."""
+    def _messages(self, sender: object) -> Iterator[Unit | Ready]:
+        """Yield the unit from the driver, or the tasks whose flows have all arrived, which may use the place of the
+        batch until the next message."""
+        if sender is self._driver:
+            yield self._driver.recv()
+            return
         try:
             self._seconds["predict"] += self._device.recv()
         except (EOFError, ConnectionError):
@@ -210,5 +213,5 @@ class Feeder(Place):
             arrived = [answer for answer in answers.values() if answer is not None]
             if len(arrived) == len(answers):
                 del self._answers[task]
-                yield Answered(task, arrived)
+                yield Ready(task, arrived)
         self._free.append(index)

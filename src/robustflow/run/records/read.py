@@ -24,7 +24,7 @@ from ..run import Run
 from ..store import PACK, write_shard
 from ..trust import document_bytes, parse_document
 from .format import MOST_ROWS, Record, check_text, read_container, read_file, rows_from_text, texts
-from .row_rules import SINGLE_ROW_RULES, check_rules
+from .row_rules import check_rules
 
 AnyRun = TypeVar("AnyRun", bound=Run)
 
@@ -89,7 +89,7 @@ class Reader:
     def frame(self) -> pl.DataFrame:
         """The rows: unique, with the right types, printable text and numbers in range."""
         rows = rows_from_text(self.entries["rows.csv"])
-        check_rules(rows, SINGLE_ROW_RULES)
+        check_rules(rows)
         return rows
 
     def open(self, kind: type[AnyRun]) -> AnyRun:

@@ -25,7 +25,7 @@ from ..manifest import Manifest
 from ..run import Run
 from .format import Record
 from .read import Reader
-from .row_rules import cell_in_words, check_rules, row_rules
+from .row_rules import cell_in_words
 
 _MOST_SHARED = 0.5
 """Largest fraction of a sample's rows whose digest may also occur under a different condition."""
@@ -125,13 +125,6 @@ def _check_conditions(plan: Manifest) -> None:
         raise DataError(plain(wrong[0], 60), f"planned, or left out, at wrong severities of the {frames.scale} scale")
 
 
-def check_measurements(reader: Reader) -> str:
-    """Check that no row breaks a rule of `row_rules`."""
-    rules = row_rules(reader.attacks)
-    check_rules(reader.frame, rules)
-    return f"{reader.frame.height * len(rules)} comparisons"
-
-
 CHECKS: dict[str, tuple[str, DataCheck]] = {
     "container": (
         "the file contains exactly the entries of a record",
@@ -143,14 +136,13 @@ CHECKS: dict[str, tuple[str, DataCheck]] = {
         lambda reader: f"run {reader.plan.identity_digest}",
     ),
     "rows": (
-        "rows have the right columns and are unique, finite and in range",
+        "rows are unique and have the right columns, whose values are in range",
         lambda reader: (
             f"{counted(reader.frame.height, 'row')} of {counted(reader.frame['sample'].n_unique(), 'sample')}"
         ),
     ),
     "training": ("the training sets are those of a known checkpoint, or declared", check_training),
     "cells": ("all rows were planned, and their corruptions are known", check_cells),
-    "measurements": ("rows are consistent with each other", check_measurements),
 }
 """Every check of the file, in order, with a description of what it asserts."""
 CHECKS_ON_REQUEST = {

@@ -1,12 +1,14 @@
-"""Predicting several severities in one call yields the same rows, and invalid results raise a clear error."""
+"""The stages of a cell: the digest of its frames covers their bytes and sizes; several severities that are predicted
+in one call have the same rows, and invalid results raise a clear error."""
 
 import numpy as np
 import pytest
+from blake3 import blake3
 
 import robustflow as rf
-from robustflow.core.errors import ModelError, UsageError
+from robustflow.core.errors import ModelError
 from robustflow.data.benchmarks import Benchmark
-from robustflow.run.stages import PredictionRequest, PredictStage
+from robustflow.run.stages import PredictionRequest, PredictStage, frames_digest
 from robustflow.testing import TexturePairs
 
 from ..refusals import refusal
@@ -42,11 +44,6 @@ def test_rows_do_not_depend_on_the_batch(single, tmp_path, size, calls):
     assert sorted(model.calls) == [1, 1, *calls]  # the clean pair alone, twice
     assert batched.rows.equals(single.rows)
     assert batched.manifest.identity_digest == single.manifest.identity_digest
-
-
-def test_model_without_batches_predicts_pairs_one_by_one(tmp_path):
-    refusal(lambda: run("dis", tmp_path / "run", batch_size=2), UsageError, "--batch-size")
-    refusal(lambda: run(Batched(), tmp_path / "run", batch_size=0), UsageError, "--batch-size")
 
 
 @pytest.mark.parametrize(
@@ -94,3 +91,15 @@ def test_time_limit_applies_to_each_call_of_the_model(confidence, draws, batch, 
     assert events.count("call") == calls
     assert [event if event in ("call", "end") else "start" for event in events] == ["start", "call", "end"] * calls
     assert events[0].startswith("sample '0'")
+
+
+PAIR = tuple(np.random.default_rng(0).integers(0, 256, (2, 5, 7, 3), np.uint8))
+EMPTY = (np.empty((0, 7, 3), np.uint8),)
+FORTRAN = tuple(map(np.asfortranarray, PAIR))
+TURNED = tuple(frame.reshape(7, 5, 3) for frame in PAIR)
+
+
+@pytest.mark.parametrize("frames", [PAIR, PAIR[::-1], PAIR[:1], FORTRAN, TURNED, EMPTY])
+def test_digest_depends_on_shapes_bytes_and_order_only(frames):
+    content = b"".join(str(frame.shape).encode() + frame.tobytes() for frame in frames)
+    assert frames_digest(frames) == blake3(content).hexdigest(length=16)

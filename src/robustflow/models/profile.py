@@ -39,11 +39,11 @@ from torch._subclasses.fake_tensor import (
 from torch.utils.flop_counter import FlopCounterMode
 
 from ..core.errors import AssetError, ModelError, RobustFlowError, UsageError, class_and_message
-from ..models import load_model
-from ..models.catalog import methods
-from ..models.tiling import TiledModel
-from ..models.torch.build import RANDOM
-from ..models.torch.network_model import NetworkModel, TorchClipModel
+from .catalog import methods
+from .loading import load_model
+from .tiling import TiledModel
+from .torch.build import RANDOM
+from .torch.network_model import NetworkModel, TorchClipModel
 
 _LOGGER = logging.getLogger("torch._subclasses.fake_tensor")
 

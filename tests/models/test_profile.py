@@ -10,14 +10,14 @@ pytest.importorskip("torch", reason="needs the torch extra")
 import torch
 from torch import nn
 
-from robustflow import TorchModel, load_model
+from robustflow import load_model
 from robustflow.api import evaluate
 from robustflow.core.errors import ModelError, UsageError
 from robustflow.models import ModelRef
+from robustflow.models.profile import EveryFlow, count, count_prediction, measure_prediction, network_of
 from robustflow.models.tiling import TiledModel
 from robustflow.report.site.content import whole_content
 from robustflow.run.costs import COUNTED_SIZE, RunCost
-from robustflow.run.profile import EveryFlow, count, count_prediction, measure_prediction, network_of
 from robustflow.run.run import Run
 from robustflow.stats.published.tables import published_costs
 
@@ -133,22 +133,6 @@ def test_only_networks_are_counted():
     whole, cost = count_prediction(tiled.model, 64, 128), count_prediction(tiled, 100, 200)
     assert (cost.macs, cost.thop_macs) == (4 * whole.macs, 4 * whole.thop_macs)
     assert (cost.parameters, cost.thop_parameters) == (whole.parameters, whole.thop_parameters)
-
-
-def test_module_of_a_user_costs_what_its_layers_cost():
-    class Net(nn.Module):
-        def __init__(self) -> None:
-            super().__init__()
-            self.conv = nn.Conv2d(6, 2, 3, padding=1)
-
-        def forward(self, images):
-            return self.conv(images)
-
-    model = TorchModel(Net(), scaling="0-1", order="rgb", layout="concatenated", device="cpu")
-    counts = count_prediction(model, 16, 24)
-    macs = 16 * 24 * 2 * 6 * 9
-    assert (counts.macs, counts.thop_macs) == (macs, macs)
-    assert (counts.parameters, counts.thop_parameters) == (2 * 6 * 9 + 2,) * 2
 
 
 def test_a_prediction_is_timed():
