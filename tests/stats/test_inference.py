@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from itertools import product
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy.stats import t as student_t
 
 from robustflow.stats.inference import (
     FEWEST,
@@ -101,39 +103,82 @@ def test_no_ratio_interval_of_five_clusters_or_negative_values(second: np.ndarra
     assert ratio_of_means(np.ones(len(second)), second) is None
 
 
-@given(st.lists(st.floats(0.01, 100), min_size=FEWEST, max_size=20), st.floats(0.1, 10))
-def test_intervals_contain_the_mean_and_scale_with_the_unit(values: list[float], unit: float) -> None:
-    images = scores(np.array(values))
-    low, high = mean_interval(images)
-    if np.ptp(values) < 1e-6 * max(values):
-        return
-    assert 0 < low < images.mean < high
-    scaled = mean_interval(scores(unit * np.array(values)))
-    assert np.array(scaled) == pytest.approx(unit * np.array([low, high]))
-    assert np.array(mean_interval(scores(-np.array(values)))) == pytest.approx([-high, -low])
+def naive_reaches(values: list[float], share: list[float], error: float, floor: float) -> tuple[float, float]:
+    """How far the interval of a mean of values that are not negative reaches below and above it, in scalars."""
+    there = [(value, part) for value, part in zip(values, share, strict=True) if part]
+    mean, count = sum(value * part for value, part in there), 1 / sum(part**2 for _, part in there)
+    if mean == 0:
+        return 0.0, 0.0
+    logs = [(math.log(max(value, floor * mean)), part) for value, part in there]
+    center = sum(log * part for log, part in logs)
+    variance = sum(part * (log - center) ** 2 for log, part in logs)
+    upper = sum(part * (log - center) ** 2 for log, part in logs if log > center)
+    spread = (variance + 2 * upper) / 2 * count / (count - 1)
+    of_log = max(spread / count + spread**2 / (2 * (count - 1)), (error / mean) ** 2)
+    reach = float(student_t.ppf(0.975, count - 2)) * math.sqrt(of_log)
+    return mean - mean * math.exp(-reach), mean * math.exp(reach) - mean
 
 
-@given(st.lists(st.floats(0, 100), min_size=FEWEST, max_size=20).filter(lambda values: np.ptp(values) > 1e-3))
-def test_intervals_of_percentages_stay_within_their_bounds(values: list[float]) -> None:
-    images = scores(np.array(values))
-    low, high = mean_interval(images, bounded=True)
-    assert 0 <= low <= images.mean <= high <= 100
+def naive_error(values: list[float], share: list[float]) -> float:
+    mean, count = sum(np.multiply(values, share)), np.count_nonzero(share)
+    squares = sum((part * (value - mean)) ** 2 for value, part in zip(values, share, strict=True))
+    return math.sqrt(count / (count - 1) * squares)
+
+
+def naive_interval(values: list[float], share: list[float], floor: float = 0.1) -> tuple[float, float]:
+    parts = [[max(sign * value, 0) for value in values] for sign in (1, -1)]
+    (below, above), (under, over) = (naive_reaches(part, share, naive_error(part, share), floor) for part in parts)
+    mean = sum(np.multiply(values, share))
+    student = float(student_t.ppf(0.975, np.count_nonzero(share) - 1)) * naive_error(values, share)
+    plain = student if min(values) < 0 < max(values) else 0
+    return mean - max(math.hypot(below, over), plain), mean + max(math.hypot(above, under), plain)
+
+
+def naive_ratio(above: list[float], below: list[float], share: list[float]) -> tuple[float, float]:
+    top, bottom = (sum(np.multiply(values, share)) for values in (above, below))
+    (top_low, top_high), (low, high) = naive_interval(above, share), naive_interval(below, share)
+    moved = [
+        [part * (value - mean) for value, part in zip(values, share, strict=True)]
+        for values, mean in ((above, top), (below, bottom))
+    ]
+    rho = 0.7 * np.dot(*moved) / math.sqrt(np.dot(moved[0], moved[0]) * np.dot(moved[1], moved[1]))
+
+    def joined(one: float, other: float) -> float:
+        return math.sqrt(one**2 + other**2 - 2 * rho * one * other)
+
+    if top_low > 0:
+        lower = joined(math.log(top / top_low), math.log(high / bottom))
+        upper = joined(math.log(top_high / top), math.log(bottom / low))
+        return top / bottom * math.exp(-lower), top / bottom * math.exp(upper)
+    lower = joined((top - top_low) / bottom, top / bottom * (1 - bottom / high))
+    return top / bottom - lower, top / bottom + joined((top_high - top) / bottom, top / bottom * (bottom / low - 1))
+
+
+SHARES = [[1 / 7] * 7, [0.3, 0.1, 0.1, 0.2, 0.1, 0.1, 0.1], [0.2, 0.2, 0.0, 0.2, 0.2, 0.1, 0.1]]
+ERRORS = [0.9, 4.1, 0.02, 1.3, 2.2, 0.7, 1.1]
+CHANGES = [0.8, 3.0, 0.01, 0.9, 2.5, 0.3, 0.7], [0.8, 3.0, -0.9, 0.9, -2.5, 0.3, 0.7]
+
+
+@pytest.mark.parametrize("share", SHARES, ids=["equal", "unequal", "one empty"])
+def test_intervals_are_those_of_scalar_arithmetic(share: list[float]) -> None:
+    def of(values: list[float]) -> Scores:
+        return Scores(np.multiply(values, share), np.array(share))
+
+    for values in (ERRORS, *CHANGES):
+        assert mean_interval(of(values)) == pytest.approx(naive_interval(values, share))
+        assert mean_interval(of(values), floor=INCREASE_FLOOR) == pytest.approx(naive_interval(values, share, 0.15))
+    for above in CHANGES:
+        assert ratio_interval(of(above), of(ERRORS)) == pytest.approx(naive_ratio(above, ERRORS, share))
+    mean, reach = sum(np.multiply(ERRORS, share)), float(student_t.ppf(0.975, np.count_nonzero(share) - 1))
+    reach *= naive_error(ERRORS, share) / 100 / (mean / 100 * (1 - mean / 100))
+    odds = [math.log(mean / (100 - mean)) + sign * reach for sign in (-1, 1)]
+    assert mean_interval(of(ERRORS), bounded=True) == pytest.approx([100 / (1 + math.exp(-end)) for end in odds])
 
 
 def test_no_interval_where_all_clusters_are_equal_or_one_has_nearly_all_images() -> None:
     assert np.isnan(mean_interval(scores(np.full(8, 3.0)))).all()
     assert not Scores(np.ones(8), np.r_[0.93, np.full(7, 0.01)]).enough
     assert scores(np.ones(FEWEST)).enough
-
-
-def test_a_cluster_of_many_images_counts_for_more() -> None:
-    values, sizes = np.exp(np.random.default_rng(2).normal(0, 0.7, 20)), np.r_[np.full(10, 1.0), np.full(10, 4.0)]
-    share = sizes / sizes.sum()
-    unequal = Scores(values * share, share)
-    low, high = mean_interval(unequal)
-    assert low < (values * share).sum() < high
-    assert high - low > np.subtract(*mean_interval(scores(values))[::-1]) * 0.8
-    assert unequal.effective == pytest.approx(50**2 / (10 + 160))
 
 
 RATES = [(0.5, 15), (1.1, 8), (1.1, 30)]

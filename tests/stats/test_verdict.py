@@ -169,3 +169,15 @@ def test_who_leads(rows, kind, names):
     verdict = verdict_of(rows)
     assert (verdict.kind, verdict.names) == (kind, names)
     assert bool(verdict.sentence) == (len(rows) > 1)
+
+
+def _blown_up(corrupted: bool) -> pl.DataFrame:
+    """A with errors that are a tenth lower, but 20 times as large on one image, either under corruption or without."""
+    factor = pl.when(pl.col("sample") == "00000").then(20.0).otherwise(0.9)
+    changed = pl.when((pl.col("severity") > 0) == corrupted).then(factor).otherwise(1.0)
+    return A.with_columns(epe_sum=pl.col("epe_sum") * changed)
+
+
+@pytest.mark.parametrize("corrupted", [True, False])
+def test_blow_ups_under_corruption_are_named_beside_a_tie(corrupted):
+    assert len(verdict_of({"a": A, "d": _blown_up(corrupted)}).remarks) == corrupted
