@@ -38,9 +38,9 @@ loss bends most, and whether flows are in float64: rounding to float32 hides slo
 _AGREE, _DEVIATION = 0.03, 0.1
 """Largest difference of the slopes of two successive steps, and of the measured and the predicted slope, as shares of
 the gradient's norm or of the slope."""
-_DIRECTIONS, _CORRELATED = 2, 8.0
-"""Number of random directions, and the smallest ratio of the slope along the gradient to those along random directions
-of equal length: an unrelated gradient is a random direction."""
+_DIRECTIONS, _FURTHER, _CORRELATED = 2, 4, 8.0
+"""Number of random directions, how many more if the gradient is not the slope, and the smallest ratio of the slope
+along the gradient to those along random directions of equal length: an unrelated gradient is a random direction."""
 
 _Direction = npt.NDArray[np.float64]
 
@@ -92,12 +92,10 @@ def _verdict(problem: Problem, rng: Rng) -> Verdict:
         return "zero"
     norm, count = float(np.linalg.norm(gradient)), gradient.size
     along = gradient * (count**0.5 / norm)
-    room = np.minimum(images, 1 - images)
     steps = _Steps(problem, images, problem.loss.slope(answer.flow)[1])
     predicted, measured = [], []
     for number, way in enumerate((along, *(_signs(rng, images) for _ in range(_DIRECTIONS)))):
-        longest = _STEP / _SHRINK ** min(steps.range(along=not number)[0], 0)
-        direction = np.where(room > longest * np.abs(way), way, 0)  # both ends stay inside 0..1
+        direction = steps.inside(way, along=not number)
         slope = float((gradient * direction).sum())
         scale = norm if number else slope or norm
         predicted.append(slope / scale)
@@ -108,7 +106,8 @@ def _verdict(problem: Problem, rng: Rng) -> Verdict:
         return "whole"
     if (np.abs(others + expected) <= allowed).all():
         return "reversed"
-    random = float(np.sqrt(np.square(others[1:]).mean()))
+    further = [steps.once(_signs(rng, images)) / norm for _ in range(_FURTHER)]
+    random = float(np.sqrt(np.square([*others[1:], *further]).mean()))
     return "partial" if abs(first) * count**0.5 >= _CORRELATED * random else "noise"
 
 
@@ -122,6 +121,15 @@ class _Steps:
     def range(self, along: bool) -> tuple[int, int]:
         """Return the numbers of the first step and of the one after the last, along the gradient or not."""
         return _STEPS[along, self._exact is not None]
+
+    def inside(self, way: _Direction, along: bool) -> _Direction:
+        """Return a direction without the values at which the longest step would leave 0..1."""
+        longest = _STEP / _SHRINK ** min(self.range(along)[0], 0)
+        return np.where(np.minimum(self._images, 1 - self._images) > longest * np.abs(way), way, 0)
+
+    def once(self, way: _Direction) -> float:
+        """Return the slope along a random direction, over one step."""
+        return self._difference(self.inside(way, along=False), _STEP / _SHRINK ** (self.range(along=False)[0] + 1))
 
     def slope(self, direction: _Direction, scale: float, along: bool) -> float:
         """Return the slope for which two successive steps agree, or else those of the two that differ least."""
