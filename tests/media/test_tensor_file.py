@@ -127,9 +127,12 @@ LONG = [b"\x8a\x09" + (number * (2**61 - 1)).to_bytes(9, "little") for number in
 STORAGE = b"(X\7\0\0\0storagectorch\nFloatStorage\nX\1\0\0\0%cX\3\0\0\0cpuJ%btQ"
 DICT = b"".join(b"X\3\0\0\0%03dN" % number for number in range(200))
 ORDERED = b"ccollections\nOrderedDict\n"
-NESTED = b"]q\0" + b"".join(b"](" + b"h%c" % at * 9 + b"eq%c" % (at + 1) for at in range(9))
+MEMO = [(f"q{chr(i)}".encode(), f"h{chr(i)}".encode()) for i in range(60)]
 REFUSED = {
-    "function": pickle.dumps(bytearray(9), 2),
+    "bytearray of 1 GB": b"\x80\x02c__builtin__\nbytearray\n\x8a\x04" + (10**9).to_bytes(4, "little") + b"\x85R.",
+    "nested lists, 2^60 parts": b"\x80\x02(]" + b"".join(put + b"](" + get + get + b"e" for put, get in MEMO) + b"t.",
+    "hash of 2^60 parts": b"\x80\x02}K\0" + b"".join(put + get + b"\x86" for put, get in MEMO) + b"K\x01s.",
+    "a hundred thousand levels": b"\x80\x02" + b"]" * 10**5 + b"a" * (10**5 - 1) + b".",
     "function in a call": b"cos\nsystem\n(X\2\0\0\0lstR.",
     "attributes of a list": b"\x80\x02]}X\1\0\0\0aK\1sbK\1K\2s.",
     "integers with equal hashes": b"\x80\x02}(" + b"N".join(LONG) + b"Nu.",
@@ -137,7 +140,6 @@ REFUSED = {
     "pairs that are texts": ORDERED + b"](X\2\0\0\0abe\x85R.",
     "nested tuple as a key": b"\x80\x02})\x85N\x86K\1s.",
     "list in itself": b"\x80\x02]q\0h\0a.",
-    "list of lists of the same": NESTED + b".",
     "lists in lists": b"]" * 200 + b"a" * 199 + b".",
     "dict copied often": b"}(" + DICT + b"uq\0" + b"0".join([ORDERED + b"h\0\x85R"] * 20000) + b".",
     "pairs copied often": b"](" + b"](X\1\0\0\0aNe" * 5000 + b"eq\0(" + (ORDERED + b"h\0\x85R") * 600 + b"t.",
