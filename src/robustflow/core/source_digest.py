@@ -43,7 +43,7 @@ def source_digest(made: Any) -> str:
     is_code = inspect.isclass(made) or inspect.isfunction(made)
     kind = made if is_code else type(made)
     named = "" if is_code else called(kind.__name__, "source", lambda: getattr(made, "source", ""))
-    source = _Source(kind.__module__.partition(".")[0], lenient=bool(named))
+    source = _SourceText(kind.__module__.partition(".")[0], lenient=bool(named))
     described = [source.describe(kind, kind.__name__)]
     if not is_code:
         described.append(source.describe(_attributes(made) | {"source": named or ""}, kind.__name__))
@@ -60,7 +60,7 @@ def _attributes(made: Any) -> dict[str, Any]:
     return {name: value for part in parts for name, value in (part or {}).items() if name != "variant"}
 
 
-class _Source:
+class _SourceText:
     """Describes values as text that is identical in every process, and collects the texts that define them.
 
     Attributes:

@@ -87,7 +87,7 @@ def _read_archive(file: BinaryIO, size: int) -> Any:
             raise RefusedError(f"a pickle of {entries[f'{folder}/data.pkl'].file_size} bytes")
         if f"{folder}/byteorder" in entries and archive.read(f"{folder}/byteorder") != b"little":
             raise RefusedError("values of a big-endian machine")
-        reader = _Reader(size)
+        reader = _TensorReader(size)
         content = reader.read(io.BytesIO(archive.read(f"{folder}/data.pkl")))
         for key, storage in reader.storages.items():
             entry = entries[f"{folder}/data/{key}"]
@@ -96,7 +96,7 @@ def _read_archive(file: BinaryIO, size: int) -> Any:
 
 
 def _read_old(file: BinaryIO, size: int) -> Any:
-    reader = _Reader(size)
+    reader = _TensorReader(size)
     pickles = io.BytesIO(file.read(LARGEST))
     magic, _, _, content, keys = (reader.read(pickles) for _ in range(5))
     if magic != _MAGIC:
@@ -121,7 +121,7 @@ def _fill(storage: Tensor, data: bytes) -> None:
         storage.copy_(torch.frombuffer(bytearray(data), dtype=storage.dtype))
 
 
-class _Reader:
+class _TensorReader:
     """Reads pickles of tensors.
 
     Attributes:
@@ -277,17 +277,17 @@ def _check_parts(value: Any, most: int, depth: int = 1) -> int:
 _FIXED = {"NONE": None, "NEWTRUE": True, "NEWFALSE": False, "EMPTY_TUPLE": ()}
 _CONSTANTS = {*_FIXED, "BININT", "BININT1", "BININT2", "BINFLOAT", "BINUNICODE", "SHORT_BINSTRING", "LONG1"}
 _CALLED: dict[str, Callable[..., Any]] = {
-    "collections.OrderedDict": _Reader._dict,
-    "collections.Counter": _Reader._dict,
-    "torch._utils._rebuild_tensor": _Reader._tensor,
-    "torch._utils._rebuild_tensor_v2": _Reader._tensor,
+    "collections.OrderedDict": _TensorReader._dict,
+    "collections.Counter": _TensorReader._dict,
+    "torch._utils._rebuild_tensor": _TensorReader._tensor,
+    "torch._utils._rebuild_tensor_v2": _TensorReader._tensor,
     "torch._utils._rebuild_parameter": lambda reader, tensor, *_: tensor,
     "torch.Size": lambda reader, size: size,
     "torch.device": lambda reader, kind, *_: kind,
     "_codecs.encode": lambda reader, text, encoding: text,
 }
 """Functions that a file may call."""
-_ACTIONS: dict[str, Callable[[_Reader], None]] = {
+_ACTIONS: dict[str, Callable[[_TensorReader], None]] = {
     "EMPTY_LIST": lambda reader: reader._stack.append([]),
     "EMPTY_DICT": lambda reader: reader._stack.append({}),
     "TUPLE": lambda reader: reader._stack.append(tuple(reader._pop())),
@@ -298,9 +298,9 @@ _ACTIONS: dict[str, Callable[[_Reader], None]] = {
     "APPENDS": lambda reader: reader._append(reader._pop()),
     "SETITEM": lambda reader: reader._set_items(reader._pop(2)),
     "SETITEMS": lambda reader: reader._set_items(reader._pop()),
-    "REDUCE": _Reader._call,
-    "NEWOBJ": _Reader._call,
-    "BUILD": _Reader._build,
-    "BINPERSID": _Reader._storage,
+    "REDUCE": _TensorReader._call,
+    "NEWOBJ": _TensorReader._call,
+    "BUILD": _TensorReader._build,
+    "BINPERSID": _TensorReader._storage,
 }
 """Opcodes that make or change an object."""
