@@ -210,6 +210,7 @@ def test_start_and_stop_select_a_part_of_a_video_of_variable_frame_rate(tmp_path
     images = [np.full((48, 64, 3), 40 * index, np.uint8) for index in range(6)]
     path = video(tmp_path / "a.mp4", images, times=[0, 1, 2, 30, 31, 32])
     assert load_dataset("folder", path, start="0.5s").keys() == ["000003", "000004"]
+    refused(path, path, start=2, stop=4)  # a gap of the whole video
     assert len(load_dataset("folder", path, gaps="keep").keys()) == 5
 
 
