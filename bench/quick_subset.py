@@ -40,8 +40,8 @@ from robustflow.corruptions.registry import IMAGE_PAIR
 from robustflow.data.datasets import load_dataset
 from robustflow.metrics.error_maps import epe_map
 from robustflow.models import load_model
-from robustflow.stats.model_result import ModelResult
-from robustflow.stats.published.tables import method_of, published_results
+from robustflow.stats.lines import LineKey
+from robustflow.stats.published.tables import method_of, published_lines
 
 METRICS = ("epe", "cre", "rcre")
 WANTED = 0.95
@@ -104,23 +104,23 @@ def published(families: Collection[str] | None = None) -> list[Population]:
     for setting in ("OOD", "ID"):
         lines = [
             line
-            for line in published_results()
-            if (line.benchmark, line.setting) == ("kitti-fc", setting) and (not families or family(line) in families)
+            for key, line in published_lines().items()
+            if (key.benchmark, key.setting) == ("kitti-fc", setting) and (not families or family(key) in families)
         ]
         means = [[[line.number(metric, name) for name in IMAGE_PAIR] for line in lines] for metric in METRICS]
         populations += [Population(np.array(means, float), np.array(means, float))] if len(lines) > 1 else []
     return populations
 
 
-def family(line: ModelResult) -> str:
-    method = method_of(line.name)
+def family(key: LineKey) -> str:
+    method = method_of(key.model)
     assert method is not None
     return method.method
 
 
 def held_out(count: int) -> np.ndarray:
     """For halves of the published method families, the tau of `count` corruptions that were chosen for the others."""
-    families = sorted({family(line) for line in published_results() if line.setting in ("OOD", "ID")})
+    families = sorted({family(key) for key in published_lines() if key.setting in ("OOD", "ID")})
     rng, taus = np.random.default_rng(0), []
     for _ in range(SPLITS):
         half = {*rng.permutation(families)[: len(families) // 2].tolist()}

@@ -9,8 +9,10 @@ import robustflow as rf
 from robustflow.attacks.ball import GREY_LEVELS
 from robustflow.attacks.registry import attack_spec
 from robustflow.attacks.result import BESIDE_OTHERS, EXPLAINED, WARNINGS
-from robustflow.report.attack_tables import attack_table, prediction_table
-from robustflow.stats.attacks import AttackScore, attack_scores, budget_at_double, predictions, security_curves
+from robustflow.report.attack_tables import attack_table, prediction_table, security_points
+from robustflow.stats.attacks import attack_means, beside_others, budget_at_double, predictions, warnings_of
+from robustflow.stats.frame import results_frame
+from robustflow.stats.lines import Numbers, lines_of
 from robustflow.stats.ranking import spearman, spearman_interval
 
 from .small_runs import run
@@ -18,15 +20,19 @@ from .small_runs import run
 pytest.importorskip("torch", reason="needs the torch extra")
 
 
+def _numbers(one) -> Numbers:
+    (numbers,) = lines_of(results_frame([one], ["means", "attacks"])).values()
+    return numbers
+
+
 def test_the_table_gives_the_gain_over_noise_and_marks_nothing_as_best(both):
-    scores = {(score["attack"], score["severity"]): score for score in attack_scores(both)}
-    table = attack_table(both)
-    pgd, noise = scores["pgd", 3], scores["random_sign", 3]
-    assert pgd["gain"] == pytest.approx(pgd["epe"] - noise["epe"])
-    assert pgd["gain"] > 0
-    assert noise["gain"] is None
+    numbers = _numbers(both)
+    table, gain = attack_table(numbers), numbers.number("attack_gain", "pgd", 3)
+    assert gain == pytest.approx(numbers.number("epe", "pgd", 3) - numbers.number("epe", "random_sign", 3))
+    assert gain > 0
+    assert numbers.number("attack_gain", "random_sign", 3) is None
     rows = both.attack_rows.filter(corruption="pgd", severity=3)
-    assert pgd["epe"] == pytest.approx((rows["epe_sum"] / rows["n_valid"]).mean())
+    assert numbers.number("epe", "pgd", 3) == pytest.approx((rows["epe_sum"] / rows["n_valid"]).mean())
     assert [line.label for section in table.sections for line in section.lines] == [
         f"{name} {level}" for name in ("random_sign", "fgsm", "pgd", "random_gauss") for level in (1, 3)
     ]
@@ -44,12 +50,12 @@ def test_the_table_gives_the_gain_over_noise_and_marks_nothing_as_best(both):
 
 def test_an_attack_on_one_frame_is_compared_with_noise_in_that_frame(tmp_path):
     done = run(tmp_path / "run", attacks="fgsm:moved=first", count=1, severities=3)
-    scores = {score["attack"]: score for score in attack_scores(done)}
-    noise = scores["random_sign:moved=first"]
-    assert (noise["linf"], noise["rms"]) == (4, pytest.approx(4 / np.sqrt(2), rel=0.05))  # in one of the two frames
-    assert scores["random_sign"]["rms"] > 3.8
-    assert scores["fgsm:moved=first"]["gain"] == scores["fgsm:moved=first"]["epe"] - noise["epe"]
-    assert noise["gain"] is None
+    scores, noise, fgsm = attack_means(done), ("random_sign:moved=first", 3), ("fgsm:moved=first", 3)
+    assert scores["attack_linf", *noise] == 4
+    assert scores["attack_rms", *noise] == pytest.approx(4 / np.sqrt(2), rel=0.05)  # in one of the two frames
+    assert scores["attack_rms", "random_sign", 3] > 3.8
+    assert scores["attack_gain", *fgsm] == scores["epe", *fgsm] - scores["epe", *noise]
+    assert ("attack_gain", *noise) not in scores
 
 
 def _line(table, label):
@@ -57,7 +63,7 @@ def _line(table, label):
 
 
 def test_security_curves_begin_at_the_clean_error_and_have_the_means_of_the_rows(both):
-    points = security_curves(both)
+    points = security_points(_numbers(both))
     errors = {(point.attack, point.budget): point.error for point in points}
     rows = both.attack_rows.with_columns(epe=pl.col("epe_sum") / pl.col("n_valid"))
     for name in both.attacks:
@@ -65,16 +71,15 @@ def test_security_curves_begin_at_the_clean_error_and_have_the_means_of_the_rows
         expected = {0.0: both.epe_clean}
         expected |= {levels[s - 1]: rows.filter(corruption=name, severity=s)["epe"].mean() for s in (1, 3)}
         assert {budget: error for (of, budget), error in errors.items() if of == name} == pytest.approx(expected)
-    assert {point.attack for point in points if point.warned} == {
-        one["attack"] for one in attack_scores(both) if one["warnings"]
-    }
+    scores = attack_means(both)
+    warned = {name for name in both.attacks for at in (1, 3) if warnings_of(scores, name, at)}
+    assert {point.attack for point in points if point.warned} == warned
 
 
 def test_security_curves_are_a_csv_and_a_figure_of_the_page(both, tmp_path, real_pictures, robustflow):
     robustflow.prints("report", both.path, "--table", "security", "-f", "csv", "-o", tmp_path / "curves.csv")
     error = pl.read_csv(tmp_path / "curves.csv").filter(pl.col("attack, budget") == "pgd 4")["error (px)"].item()
-    scores = {(one["attack"], one["severity"]): one["epe"] for one in attack_scores(both)}
-    assert error == pytest.approx(scores["pgd", 3], abs=1e-3)
+    assert error == pytest.approx(attack_means(both)["epe", "pgd", 3], abs=1e-3)
     with real_pictures():
         both.write_summary()
     assert 'id="attacks-0-title"' in (both.path / "report.html").read_text(encoding="utf-8")
@@ -154,9 +159,9 @@ def test_below_five_models_no_correlation_is_given_and_the_table_says_so(models,
     [("rounding", True), ("gradient_zero", False), ("answers_differ", False), ("square_above_white_box", False)],
 )
 def test_a_lower_bound_is_correlated_and_a_score_that_says_little_is_not(models, monkeypatch, warning, correlated):
-    doubtful = [{**one, "warnings": {warning: 1}} for one in attack_scores(models[0])]
+    doubtful = attack_means(models[0]) | {(f"warning {warning}", "random_sign", at): 1.0 for at in (1, 3)}
     monkeypatch.setattr(
-        "robustflow.stats.attacks.attack_scores", lambda one: doubtful if one is models[0] else attack_scores(one)
+        "robustflow.stats.attacks.attack_means", lambda one: doubtful if one is models[0] else attack_means(one)
     )
     noise = next(one for one in predictions(models) if one.attack == "random_sign")
     assert (noise.rho is not None) == correlated
@@ -176,25 +181,20 @@ def test_the_interval_of_a_rank_correlation_covers_the_true_one():
     assert 0.92 < covered / 400 < 0.99
 
 
-def score(attack: str, severity: int, epe: float, **changes) -> AttackScore:
-    values = {"norm": "linf", "budget": 2.0 ** (severity - 1), "samples": 3, "rcre": 1.0}
-    values |= dict.fromkeys(("median", "capped", "way_gone", "late_gain", "start_spread"))
-    values |= {"linf": 1.0, "rms": 1.0, "evaluations": 1.0, "seconds": None, "warnings": {}}
-    return {"attack": attack, "severity": severity, "epe": epe, **values, **changes}
-
-
 def test_budget_that_doubles_the_error_is_interpolated_between_severities():
-    scores = [score("pgd", 1, 1.5), score("pgd", 3, 3.5)]
+    scores = {("epe", "pgd", 1): 1.5, ("epe", "pgd", 3): 3.5}
+    scores |= {("attack_budget", "pgd", 1): 1.0, ("attack_budget", "pgd", 3): 4.0}
     assert budget_at_double(scores, "pgd", 1.0) == pytest.approx(1 + 3 * 0.25)
     assert budget_at_double(scores, "pgd", 3.0) is None
     assert budget_at_double(scores, "pgd", None) is None
 
 
 def test_a_white_box_attack_that_others_beat_carries_a_warning():
-    from robustflow.stats.attacks import compared
-
-    scores = {"fgsm": 3, "pgd": 2, "square": 2.5, "apgd": 4, "transfer:raft": 3.5, "transfer:dis": 1.5}
-    scores["pgd:moved=first"] = 1  # the others change both frames
-    found = compared([score(name, 1, epe) for name, epe in scores.items()])
-    assert {one["attack"]: set(one["warnings"]) for one in found if one["warnings"]} == {"pgd": set(BESIDE_OTHERS)}
+    errors = {"fgsm": 3, "pgd": 2, "square": 2.5, "apgd": 4, "transfer:raft": 3.5, "transfer:dis": 1.5}
+    errors["pgd:moved=first"] = 1  # the others change both frames
+    scores = {("epe", name, 1): epe for name, epe in errors.items()}
+    scores |= {(measure, name, 1): 3.0 for name in errors for measure in ("attack_budget", "attack_pairs")}
+    warned = scores | beside_others(scores)
+    found = {name: set(warnings_of(warned, name, 1)) for name in errors if warnings_of(warned, name, 1)}
+    assert found == {"pgd": set(BESIDE_OTHERS)}
     assert not set(BESIDE_OTHERS) & set(WARNINGS)

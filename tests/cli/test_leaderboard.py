@@ -9,7 +9,7 @@ import pytest
 from polars.testing import assert_frame_equal
 
 from robustflow.stats.imported import NOTE
-from robustflow.stats.model_result import lines_of
+from robustflow.stats.lines import lines_of
 from robustflow.stats.published.tables import published_frame
 from robustflow.stats.results import RESULT_METRICS
 from robustflow.stats.results_file import read_results
@@ -60,7 +60,8 @@ def test_imported_results_are_shown_beside_a_run_and_marked_unverified(robustflo
     imported = ("RAFT_ood", "Reference code, kitti-fc")
     for text in (*imported, NOTE, "Claimed: "):
         assert text in page
-    (raft,) = (line for line in lines_of(read_results("site/results.csv")) if line.name == "RAFT_ood")
+    lines = lines_of(read_results("site/results.csv"))
+    (raft,) = (line for key, line in lines.items() if key.model == "RAFT_ood")
     assert raft.number("epe", "high_light") == 6.0
     robustflow.refuses("leaderboard", run / "summary.json", "--no-published", code=1)
 

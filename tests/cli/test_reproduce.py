@@ -17,7 +17,7 @@ from robustflow.media.images import write_image
 from robustflow.paper.plan import ARTEFACTS, choose, paper_variants
 from robustflow.paper.side_by_side import columns_of, comparison_csv, paper_alone, run_beside_paper
 from robustflow.run.displacement import read_displacement
-from robustflow.stats.published.tables import published_results
+from robustflow.stats.published.tables import published_lines
 from tests.data.datasets.layouts import flow, picture
 from tests.data.video import clips
 
@@ -36,7 +36,7 @@ def data(tmp_path):
 
 
 def _published(model, corruption):
-    line = next(line for line in published_results() if (line.benchmark, line.name) == ("kitti-fc", model))
+    line = next(n for key, n in published_lines().items() if (key.benchmark, key.model) == ("kitti-fc", model))
     return line.number("epe", corruption)
 
 

@@ -21,7 +21,7 @@ from robustflow.core import compiled
 from robustflow.core.environment import SAFE_PATH
 from robustflow.core.errors import UsageError
 from robustflow.report.figures import clean_against_cre, figure_bytes
-from robustflow.stats.published.tables import published_results
+from robustflow.stats.published.tables import published_lines
 from tests.refusals import refusal
 
 from ..app.launch import running_app
@@ -198,13 +198,14 @@ def test_settings_of_numba_and_matplotlib_in_the_working_folder_change_no_number
         "from robustflow.core.compiled import njit\nimport numba\n"
         "from robustflow.core.rng import Rng\nRng.of('a').uniforms(3)\n"
         "print(repr(numba.config.CACHE_DIR), numba.config.DISABLE_JIT)\n"
-        "from robustflow.stats.published.tables import published_results\n"
+        "from robustflow.stats.published.tables import published_lines\n"
         "from robustflow.report.figures import clean_against_cre, figure_bytes\n"
-        "figure = clean_against_cre([line for line in published_results() if line.benchmark == 'kitti-fc'])\n"
+        "lines = published_lines().items()\n"
+        "figure = clean_against_cre({key: line for key, line in lines if key.benchmark == 'kitti-fc'})\n"
         "print(sha256(figure_bytes(figure, 'svg')).hexdigest())\n"
     )
     done = _python(tmp_path, "-c", script)
-    here = clean_against_cre([line for line in published_results() if line.benchmark == "kitti-fc"])
+    here = clean_against_cre({key: line for key, line in published_lines().items() if key.benchmark == "kitti-fc"})
     version, settings, digest = done.stdout.splitlines()
     assert version.startswith("robustflow ")
     assert settings == "'' 0"

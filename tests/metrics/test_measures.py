@@ -70,9 +70,11 @@ from robustflow.report.comparison import Comparison, pairs_table
 from robustflow.report.notebook import plot
 from robustflow.report.render import render
 from robustflow.report.run_tables import severities_table
+from robustflow.report.site import render_site, whole_content
 from robustflow.run.run import Run
 from robustflow.stats.estimate import contrast, cubes_of
 from robustflow.stats.frame import CONTRAST, results_frame
+from robustflow.stats.lines import lines_of
 from robustflow.stats.variance import variance_split
 from tests.made_rows import made_run
 from tests.stats.simulated import rows_of
@@ -90,7 +92,7 @@ cubes = cubes_of({"one": rows, "other": better, "third": rows})
 tables = [
     Comparison(dict(list(cubes.items())[:2])).table("planted"),
     pairs_table(contrast(cubes, {"planted": MEASURES["planted"]}, [("average", None)])),
-    severities_table(runs[0], "planted", "planted (%)"),
+    severities_table(next(iter(lines_of(results_frame(runs[:1])).values())), "planted", "planted (%)"),
 ]
 texts = [render(table, format) for table in tables for format in ("terminal", "csv", "latex", "markdown", "html")]
 shown.append(["planted" in text for text in texts].count(False))
@@ -98,13 +100,20 @@ shown.append(runs[0].table("planted")["mean"].null_count())
 shown.append("planted (%)" in plot(runs, "severity", "planted").caption)
 seeds = [of_run.filter(pl.col("corruption") != "snow") for of_run in (rows, better)]
 shown.append(variance_split(dict(enumerate(seeds)), "planted").height)
+page = render_site(whole_content(runs, published=False, asked="planted"))
+boards = json.loads(page.partition('id="data">')[2].partition("</script>")[0])["boards"]
+place = [column["label"] for column in boards[0]["columns"]].index("planted")
+lines = {line["name"]: line for section in boards[0]["sections"] for line in section["lines"]}
+values = {run.name: f"{run.mean('planted'):.2f}" for run in runs}
+shown.append({name: line["texts"].split("\\t")[place] for name, line in lines.items()} == values)
+shown.append(all(str(place) in line["intervals"] for line in lines.values()))
 print(json.dumps(shown))
 """
 
 
 def test_new_measure_touches_two_files(tmp_path, base):
     """A column in `rows` and a line in `measures` give means, the file, the checks of rows, the documentation, an
-    interval, paired tests, tables in all formats and a figure."""
+    interval, paired tests, tables in all formats, a figure and a column of the page."""
     package = tmp_path / "robustflow"
     shutil.copytree(Path(robustflow.__file__).parent, package, ignore=shutil.ignore_patterns("__pycache__"))
     for name, mark, line in (
@@ -127,7 +136,8 @@ def test_new_measure_touches_two_files(tmp_path, base):
         env={"PYTHONPATH": f"{tmp_path}:{Path(__file__).parents[2]}", "HOME": str(tmp_path)},
     )
     assert done.returncode == 0, done.stderr
-    *means, refused, broken, bounded, tested, absent, empty, drawn, sources = json.loads(done.stdout)
+    *means, refused, broken, bounded, tested, absent, empty, drawn, sources, column, interval = json.loads(done.stdout)
+    assert (column, interval) == (True, True)
     assert (bounded, tested) == (True, [[None, None, 0], True])
     assert (absent, empty, drawn, sources) == (1, 0, True, 4), "only the CSV of one measure does not name it"
     assert means == [30.0, 50.0, [50.0], 50.0]

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Callable, Collection
 from statistics import fmean
 
 import numpy as np
@@ -15,10 +14,10 @@ from robustflow.corruptions.registry import FAMILIES
 from robustflow.paper.evidence import Evidence
 from robustflow.paper.margin import of_correlation, of_difference, of_majority, of_mean
 from robustflow.paper.observations import observations
-from robustflow.stats.model_result import CRER, FLOPS, ModelResult, Value
-from robustflow.stats.published.tables import not_discussed, published_results
+from robustflow.stats.lines import CRER, FLOPS, LineKey, Lines, Numbers
+from robustflow.stats.published.tables import not_discussed, published_lines
 
-_PUBLISHED = {o.number: o for o in observations(published_results())}
+_PUBLISHED = {o.number: o for o in observations(published_lines())}
 
 
 def _part(number: int, words: str):
@@ -65,7 +64,7 @@ def test_correlation_is_over_models_as_printed_and_over_families_in_general():
 
 
 def test_verdicts_are_those_of_intervals_that_scipy_gives():
-    evidence = Evidence(published_results())
+    evidence = Evidence(published_lines())
 
     def families(setting, kind, value):
         members: dict[str, list[float]] = {}
@@ -102,7 +101,7 @@ def test_margins_have_their_stated_coverage_and_error_rate():
 
 
 def test_sizes_of_one_method_are_one_family():
-    evidence = Evidence(published_results())
+    evidence = Evidence(published_lines())
     assert len(evidence.by_family([("OOD", f"SAMFlow-{size}") for size in "TBH"], evidence.epe)) == 1
 
 
@@ -121,7 +120,7 @@ def test_observations_state_numbers_read_off_the_tables_by_hand():
     assert _part(10, "than most CNN").numbers["median of CNN-based models"] == 1.53
 
 
-def _verdicts(results: Sequence[ModelResult]) -> dict[int, tuple[bool, str]]:
+def _verdicts(results: Lines) -> dict[int, tuple[bool, str]]:
     return {o.number: (o.printed, o.generalises) for o in observations(results)}
 
 
@@ -134,43 +133,42 @@ _PARTNER |= {milder: worse for worse, milder in _PARTNER.items()}
 _MILD = ("contrast", "saturate", "fog")
 
 
-def _average(line, metric, change):
-    value = line.values.get((metric, "average"))
-    changed = {} if value is None else {(metric, "average"): replace(value, number=change(value.number))}
-    return replace(line, values={**line.values, **changed})
+Change = Callable[[LineKey, Numbers], Numbers]
 
 
-def _everywhere(line, change):
+def _everywhere(line: Numbers, change: Callable[[str, float], float]) -> Numbers:
     """Change the number of every EPE and RCRE under a corruption."""
-    return replace(
-        line,
-        values={
-            key: replace(value, number=change(key[1], value.number)) if key[0] != "cre" and key[1] != "clean" else value
-            for key, value in line.values.items()
-        },
+    return Numbers(
+        (of, row if of[0] == "cre" or of[1] == "clean" else row | {"value": change(of[1], row["value"])})
+        for of, row in line.items()
     )
 
 
-def _follows(sign):
+def _follows(sign: int) -> Change:
     """Return a change after which the average EPE rises or falls with the clean EPE."""
-    return lambda line: _average(line, "epe", lambda _: 30 + 3 * sign * line.number("epe", "clean"))
+
+    def change(_, line):
+        clean, of = line.number("epe", "clean"), ("epe", "average", None)
+        return Numbers(line | {of: line[of] | {"value": 30 + 3 * sign * clean}}) if of in line else line
+
+    return change
 
 
-def _of(names, change):
-    return lambda line: _everywhere(line, change) if line.name in names else line
+def _of(names: Collection[str], change: Callable[[str, float], float]) -> Change:
+    return lambda key, line: _everywhere(line, change) if key.model in names else line
 
 
-def _exposures_exchanged(line):
-    numbers = line.numbers("epe")
+def _exposures_exchanged(_, line):
+    numbers = line.by_corruption("epe")
     return _everywhere(line, lambda name, number: numbers.get(_PARTNER.get(name), number))
 
 
-def _worse_before_training(line):
-    return _everywhere(line, lambda _, number: 9 * number if line.setting == "OOD" else number)
+def _worse_before_training(key, line):
+    return _everywhere(line, lambda _, number: 9 * number if key.setting == "OOD" else number)
 
 
-def _mild_weather_after_training(line):
-    mild = line.setting == "ID"
+def _mild_weather_after_training(key, line):
+    mild = key.setting == "ID"
     return _everywhere(line, lambda name, number: 0.0 if mild and name in FAMILIES["weather"] else number)
 
 
@@ -184,22 +182,22 @@ def _mild_weather_after_training(line):
         (4, _worse_before_training, (False, "no")),
         (5, _mild_weather_after_training, (False, "no")),
         (7, _exposures_exchanged, (False, "no")),
-        (8, lambda line: _everywhere(line, lambda name, number: number + 99 * (name in _MILD)), (False, "no")),
+        (8, lambda _, line: _everywhere(line, lambda name, number: number + 99 * (name in _MILD)), (False, "no")),
         (9, _of(("FlowFormer",), lambda _, number: number + 5), (False, "no")),
         (10, _of(("SAMFlow-H", "SAMFlow-B", "SAMFlow-T"), lambda _, number: number - 1), (False, "no")),
     ],
 )
 def test_verdict_follows_from_changed_numbers(number, change, verdict):
-    assert _verdicts([change(line) for line in published_results()])[number] == verdict
+    assert _verdicts({key: change(key, line) for key, line in published_lines().items()})[number] == verdict
 
 
-def _with_worst_cost(*names):
+def _with_worst_cost(*names: str) -> Lines:
     """Return the published results, changed so that the given models have the highest FLOPs and CREr."""
-    worst = {FLOPS: Value(9e4), CRER: Value(99.0)}
-    return [
-        replace(line, values={**line.values, **worst}) if FLOPS in line.values and line.name in names else line
-        for line in published_results()
-    ]
+    lines = {}
+    for key, line in published_lines().items():
+        worst = {FLOPS: 9e4, CRER: 99.0} if FLOPS in line and key.model in names else {}
+        lines[key] = Numbers(line | {of: line[FLOPS] | {"value": value} for of, value in worst.items()})
+    return lines
 
 
 @pytest.mark.filterwarnings("ignore:Precision loss")  # all ranks of a group are equal
@@ -214,12 +212,12 @@ def test_the_factor_by_which_errors_grow_does_not_follow_the_accuracy():
     """Over the published models, CRE increases with the clean EPE, but ln(EPE / clean EPE) does not; both correlations
     are those of SciPy.
     """
-    results = [line for line in published_results() if (line.benchmark, line.setting) == ("kitti-fc", "OOD")]
     families: dict[str, list[tuple[float, ...]]] = {}
-    for line in results:
-        if line.name not in not_discussed(published_results()):
+    for key, line in published_lines().items():
+        of_discussed = key.model not in not_discussed(published_lines())
+        if of_discussed and (key.benchmark, key.setting) == ("kitti-fc", "OOD"):
             clean, after = line.number("epe", "clean"), line.number("epe", "average")
-            family = "SAMFlow" if "SAMFlow" in line.name else line.name
+            family = "SAMFlow" if "SAMFlow" in key.model else key.model
             families.setdefault(family, []).append((clean, after - clean, math.log(after / clean)))
     clean, cre, ratio = np.array([np.mean(values, axis=0) for values in families.values()]).T
     of_cre = _part(1, "CRE grows with clean EPE (OOD)").margin.estimate

@@ -21,7 +21,7 @@ from robustflow.corruptions.weather.frost_photographs import FOLDER_VARIABLE
 from robustflow.report.gallery.cells import pair_cells
 from robustflow.report.site import examples as embedded
 from robustflow.report.site.examples import MOST_RUNS, examples_of, run_examples
-from robustflow.stats.model_result import run_results
+from robustflow.stats.lines import LineKey
 from tests.refusals import refusal
 
 
@@ -69,9 +69,10 @@ def test_pictures_of_a_run_that_went_on_and_was_interrupted_are_not_shown(copied
 
 def test_example_panels_are_drawn_for_at_most_twelve_runs(small_run):
     assert MOST_RUNS == 12
-    lines = [line for _ in range(MOST_RUNS + 1) for line in run_results([small_run])]
-    assert list(examples_of(lines[:MOST_RUNS]).panels) == lines[:MOST_RUNS]
-    assert list(examples_of(lines).panels) == lines[:1]
+    lines = {LineKey("demo", "frames", "OOD", f"{number}"): small_run for number in range(MOST_RUNS + 1)}
+    fewer = dict(list(lines.items())[:MOST_RUNS])
+    assert list(examples_of(fewer).panels) == list(fewer)
+    assert len(examples_of(lines).panels) == 1
 
 
 def _renamed(name):

@@ -6,7 +6,6 @@ import re
 import xml.etree.ElementTree as ElementTree
 from dataclasses import replace
 from itertools import combinations
-from types import SimpleNamespace
 
 import cv2
 import numpy as np
@@ -18,6 +17,7 @@ from matplotlib.figure import Figure
 from matplotlib.text import Annotation
 
 from robustflow.core.errors import UsageError
+from robustflow.metrics.measures import MEASURES
 from robustflow.report.figures import (
     FILE_FORMATS,
     all_figures,
@@ -33,20 +33,43 @@ from robustflow.report.figures import (
 from robustflow.report.figures.canvas import new_figure, spread_labels
 from robustflow.report.figures.curves import scale_panels
 from robustflow.report.figures.styles import KIND_STYLES, MODEL_STYLES, FigureStyles
-from robustflow.stats.model_result import ModelResult, lines_of
-from robustflow.stats.published.tables import published_results
+from robustflow.stats.estimate import cubes_of, estimate
+from robustflow.stats.lines import LineKey, Lines, Numbers, lines_of
+from robustflow.stats.published.tables import published_lines
 from robustflow.stats.results_file import parse_results
 
 from ..refusals import refusal
 from ..stats.simulated import Truth, rows_of
 from .hostile import HOSTILE
 
-_KITTI = [line for line in published_results() if line.benchmark == "kitti-fc"]
+_KITTI = {key: line for key, line in published_lines().items() if key.benchmark == "kitti-fc"}
 
 
 def _rows(seed: int = 0, count: int = 12) -> pl.DataFrame:
     clean, corrupted = Truth().draw(np.random.default_rng(seed), np.ones(count, int))
     return rows_of(clean, corrupted, corrupted)
+
+
+def _curves(rows: pl.DataFrame) -> Numbers:
+    """The EPE and the RCRE of rows by severity."""
+    (cube,) = cubes_of({"": rows}).values()
+    measures = {name: MEASURES[name] for name in ("epe", "rcre")}
+    known = estimate(cube, measures, [at for at in cube.conditions if at[1]]).to_dicts()
+    return Numbers(((row["measure"], row["condition"], row["severity"]), row) for row in known)
+
+
+def _run(rows: pl.DataFrame) -> Numbers:
+    facts = {"source": "measured", "excluded": "", "note": "", "coverage": None}
+    return Numbers((key, row | facts) for key, row in _curves(rows).items())
+
+
+def _renamed(lines: Lines, rename) -> Lines:
+    return {key._replace(model=rename(key.model)): line for key, line in lines.items()}
+
+
+def _changed(lines: Lines, change) -> Lines:
+    """Lines with changed rows."""
+    return {key: Numbers((of, row | change(key, row)) for of, row in line.items()) for key, line in lines.items()}
 
 
 def _texts(figure: Figure) -> str:
@@ -57,18 +80,18 @@ def _edges(figure: Figure, axis: str) -> set[tuple[float, float]]:
     return {getattr(panel, f"get_{axis}lim")() for panel in figure.axes}
 
 
-def _own(*settings: str, weather: bool = False) -> list[ModelResult]:
-    cells = [("epe", "clean", 0), ("epe", "average", 3), ("rcre", "average", 1)]
+def _own(*settings: str, weather: bool = False, cre: bool = False) -> Lines:
+    cells = [("epe", "clean", 0), ("epe", "average", 3), ("rcre", "average", 1), *[("cre", "average", 0)] * cre]
     cells += [("epe", "fog", 2), ("epe", "jpeg_compression", 1)] * weather
     lines = [
-        f"{setting},M{index},{metric},{corruption},{2 + index + extra}\n"
+        f"{setting},M{index},{metric},{corruption},{2 + index + extra:.2f}\n"
         for index, setting in enumerate(settings)
         for metric, corruption, extra in cells
     ]
     return lines_of(parse_results("setting,model,metric,corruption,value\n" + "".join(lines), "own.csv", "own frames"))
 
 
-def _many(models: int, settings: int = 1, crer: float = 1.0) -> list[ModelResult]:
+def _many(models: int, settings: int = 1, crer: float = 1.0) -> Lines:
     rng = np.random.default_rng(0)
     lines = ["setting,model,metric,corruption,value"]
     for setting in range(settings):
@@ -99,8 +122,8 @@ def test_bubbles_are_at_the_positions_of_their_numbers():
 
 
 def test_a_name_in_any_script_warns_only_where_the_font_draws_a_box(recwarn):
-    few = [line for line in _KITTI if line.name in ("RAFT", "GMA")]
-    results = [replace(line, name="\u5149\u6d41") if line.name == "RAFT" else line for line in few]
+    few = {key: line for key, line in _KITTI.items() if key.model in ("RAFT", "GMA")}
+    results = _renamed(few, lambda name: "\u5149\u6d41" if name == "RAFT" else name)
     assert "\u5149\u6d41" in figure_bytes(clean_against_cre(results), "svg", live_text=True).decode()
     assert not [one.message for one in recwarn if one.category is not ResourceWarning]
     with pytest.warns(UserWarning, match="20809"):
@@ -122,7 +145,7 @@ def test_names_and_headings_are_readable_for_any_number_of_models(draw, recwarn)
             assert not any(one.overlaps(other) for one, other in combinations(boxes, 2))
     assert 10 < len(names) < 150
     assert not [one.message for one in recwarn if one.category is not ResourceWarning]
-    figure = draw([replace(line, name=f"{'a long name ' * 6}{index}") for index, line in enumerate(_many(30))])
+    figure = draw(_renamed(_many(30), lambda name: f"{'a long name ' * 6}{name}"))
     (panel,) = figure.axes
     before = panel.get_position().bounds
     figure_bytes(figure, "svg")
@@ -150,7 +173,7 @@ def test_a_name_nearest_to_a_different_bubble_is_connected_with_its_own():
 
 def test_family_means_in_the_figure_equal_hand_computed_values():
     """CSFlow under noise, out-of-domain: the mean of 10.82, 9.75 and 10.95, divided by 4.11, minus 1."""
-    families = {(line.setting, line.name): line.family_crer for line in _KITTI}
+    families = {(key.setting, key.model): line.family_crer() for key, line in _KITTI.items()}
     assert families["OOD", "CSFlow"]["noise"] == pytest.approx((10.82 + 9.75 + 10.95) / 3 / 4.11 - 1)
     figure = crer_by_family(_KITTI)
     assert [axes.get_title() for axes in figure.axes] == ["SAMFlow-H", "CSFlow", "ARFlow"]
@@ -182,15 +205,12 @@ def test_panels_beside_each_other_have_the_same_axes(draw):
 
 def test_axes_of_small_values_span_at_least_one_pixel():
     """Two models 0.11 px apart, and curves that reach 0.11 px."""
-    close = [
-        replace(line, values={k: replace(v, number=2.6 + 0.1 * index) for k, v in line.values.items()})
-        for index, line in enumerate(_own("OOD", "OOD"))
-    ]
+    close = _changed(_own("OOD", "OOD"), lambda key, _: {"value": 2.6 + 0.1 * (key.model == "M1")})
     figure = clean_against_cre(close)
     assert all(high - low >= 1 for axis in "xy" for low, high in _edges(figure, axis))
     assert figure.axes
     still = _rows().with_columns(rcre_sum=pl.col("n_valid") * 0.11 * pl.col("severity") / 5)
-    ((low, high),) = _edges(severity_curves({"a": still}), "y")
+    ((low, high),) = _edges(severity_curves({"a": _curves(still)}), "y")
     assert low == 0
     assert high >= 1
 
@@ -218,12 +238,17 @@ def _vertical_lines(figure: Figure) -> list[tuple[float, float]]:
         (effective_trend, ("epe", "average")),
     ],
 )
-def test_intervals_are_drawn_and_mentioned_where_there_are_any(draw, key, monkeypatch):
-    results = _own("OOD", "OOD", "OOD", "UNKNOWN", "UNKNOWN", weather=True)
+def test_intervals_are_drawn_and_mentioned_where_there_are_any(draw, key):
+    results = _own("OOD", "OOD", "OOD", "UNKNOWN", "UNKNOWN", weather=True, cre=True)
     without = draw(results)
     assert "intervals" not in without.caption
     assert not _vertical_lines(without)
-    monkeypatch.setattr(ModelResult, "intervals", property(lambda line: _ENDS if line.name == "M1" else {}))
+
+    def with_ends(line, row):
+        ends = _ENDS.get((row["measure"], row["condition"]))
+        return dict(zip(("low", "high"), ends, strict=True)) if ends and line.model == "M1" else {}
+
+    results = _changed(results, with_ends)
     figure = draw(results)
     assert "95 %" in figure.caption
     assert _ENDS[key] in [pytest.approx(line) for line in _vertical_lines(figure)]
@@ -234,16 +259,17 @@ def test_intervals_are_drawn_and_mentioned_where_there_are_any(draw, key, monkey
 
 def test_too_few_or_too_many_models_are_refused_or_left_out():
     four = _own("OOD", "OOD", "OOD", "OOD")
-    too_few = [(relations, four), (effective_trend, four), (crer_by_family, _own("OOD")[:1])]
+    too_few = [(relations, four), (effective_trend, four), (crer_by_family, _own("OOD"))]
     for draw, results in [
         *too_few,
-        *((draw, []) for draw in (clean_against_cre, crer_by_family, relations, effective_trend)),
+        *((draw, {}) for draw in (clean_against_cre, crer_by_family, relations, effective_trend)),
     ]:
         with pytest.raises(UsageError):
             draw(results)
-    refusal(lambda: severity_curves({str(i): _rows() for i in range(9)}), UsageError, "9 runs")
+    refusal(lambda: severity_curves({str(i): _curves(_rows()) for i in range(9)}), UsageError, "9 runs")
     five = _own(*["OOD"] * 5)
-    title = relations([*five, *(replace(line, setting="ID") for line in five[:3])]).axes[0].get_title(loc="left")
+    in_domain = {key._replace(setting="ID"): line for key, line in list(five.items())[:3]}
+    title = relations(five | in_domain).axes[0].get_title(loc="left")
     assert "OOD: r = " in title
     assert "ID: r" not in title.replace("OOD: r", "")
     figure = clean_against_cre(_many(2, settings=7))
@@ -253,11 +279,11 @@ def test_too_few_or_too_many_models_are_refused_or_left_out():
 
 def test_family_figure_shows_at_most_as_many_models_as_styles():
     """The models with the lowest error are shown, in the colours of the other figures."""
-    results = _own(*["OOD"] * 10, weather=True)[::-1]
-    styles = {line: MODEL_STYLES[int(line.name[1:])] for line in results[2:]}
+    results = dict(reversed(_own(*["OOD"] * 10, weather=True).items()))
+    styles = {line: MODEL_STYLES[int(line.model[1:])] for line in list(results)[2:]}
     figure = crer_by_family(results, FigureStyles(styles))
     assert {(mark.model) for marks in figure.marks.values() for mark in marks} == {f"M{index}" for index in range(8)}
-    key = {line.name: replace(style, marker="s") for line, style in styles.items()}
+    key = {line.model: replace(style, marker="s") for line, style in styles.items()}
     assert dict(entry[:2] for entry in figure.key) == key
     assert "8 of 10" in _texts(figure)
 
@@ -266,7 +292,7 @@ def test_a_model_looks_alike_in_every_figure_and_unlike_every_kind():
     kinds, models = ([style.colour for style in styles] for styles in (KIND_STYLES.values(), MODEL_STYLES))
     assert len({*kinds, *models}) == len(kinds) + len(models)
     results = _own("knowledge", "OOD", "ID", "UNKNOWN", "UNKNOWN", weather=True)
-    styles = FigureStyles({line: MODEL_STYLES[7 - int(line.name[1:])] for line in results})
+    styles = FigureStyles({line: MODEL_STYLES[7 - int(line.model[1:])] for line in results})
     figures = figures_by_sample_set(results, styles)["own frames"]
     seen: dict[str, set[str]] = {}
     for figure in figures.values():
@@ -280,12 +306,9 @@ def test_a_model_looks_alike_in_every_figure_and_unlike_every_kind():
 
 @pytest.mark.parametrize("draw", [clean_against_cre, effective_trend, relations, crer_by_family])
 def test_wide_intervals_do_not_push_the_values_of_a_figure_together(draw):
-    def wide(values):
-        return {key: replace(value, ends=(0.001, 900.0 * value.number)) for key, value in values.items()}
-
     lines = _own(*5 * ["UNKNOWN"], weather=True)
     narrow = draw(lines)
-    figure = draw([replace(line, values=wide(line.values), families=wide(line.families)) for line in lines])
+    figure = draw(_changed(lines, lambda _, row: {"low": 0.001, "high": 900.0 * row["value"]}))
     assert "95 %" in figure.caption
     for panel, other in zip(figure.axes, narrow.axes, strict=True):
         for axis in ("xaxis", "yaxis"):
@@ -297,20 +320,20 @@ def test_wide_intervals_do_not_push_the_values_of_a_figure_together(draw):
 
 
 def test_severity_curves_have_a_line_per_run_and_a_band():
-    figure = severity_curves({"a": _rows(1), "b": _rows(2)})
+    figure = severity_curves({"a": _curves(_rows(1)), "b": _curves(_rows(2))})
     fog = figure.axes[0]
     assert fog.get_title() == "Fog"
     assert [list(line.get_xdata()) for line in fog.lines] == [[1, 3], [1, 3]]
     expected = _rows(1).filter(corruption="fog", severity=3)["rcre_sum"].mean() / 1000
     assert fog.lines[0].get_ydata()[1] == pytest.approx(expected)
     assert (len(fog.collections), "95 %" in figure.caption) == (2, True)
-    alone = severity_curves({"a": _rows(count=1)})
+    alone = severity_curves({"a": _curves(_rows(count=1))})
     assert (len(alone.axes[0].collections), "95 %" in alone.caption) == (0, False)
     ((_, top),) = {axes.get_ylim() for axes in figure.axes}
     scale_panels(figure, apart=True)
     assert len({axes.get_ylim() for axes in figure.axes}) > 1
     assert max(axes.get_ylim()[1] for axes in figure.axes) == top
-    long = severity_curves({f"model with a long name {index}": _rows(index) for index in range(7)}, "epe")
+    long = severity_curves({f"model with a long name {index}": _curves(_rows(index)) for index in range(7)}, "epe")
     long.draw_without_rendering()
     box = long.legends[0].get_window_extent()
     assert box.x0 >= 0
@@ -319,13 +342,13 @@ def test_severity_curves_have_a_line_per_run_and_a_band():
 
 @pytest.mark.filterwarnings("ignore:Glyph")
 def test_names_with_markup_are_drawn_as_text():
-    (made,) = _own("OOD", weather=True)
-    results = [replace(made, name=name) for name in HOSTILE]
-    rows = _rows(count=3)
+    ((key, made),) = _own("OOD", weather=True).items()
+    results = {key._replace(model=name): made for name in HOSTILE}
+    curves = _curves(_rows(count=3))
     figures = [clean_against_cre(results)]
     for part in (HOSTILE[:8], HOSTILE[8:]):
-        of_part = [line for line in results if line.name in part]
-        figures += [crer_by_family(of_part), severity_curves(dict.fromkeys(part, rows))]
+        of_part = {key: line for key, line in results.items() if key.model in part}
+        figures += [crer_by_family(of_part), severity_curves(dict.fromkeys(part, curves))]
     for figure in figures:
         ElementTree.fromstring(figure_bytes(figure, "svg"))
     shown = _texts(figures[0])
@@ -344,31 +367,27 @@ def test_files_open_and_are_the_same_every_time(tmp_path):
         assert path.read_bytes() == figure_bytes(crer_by_family(results), path.suffix[1:])
 
 
-def test_figures_without_data_are_left_out_and_sample_sets_are_numbered(monkeypatch):
-    """A run that has rows but no means; the first of two sets has no ground truth; a single set has no number."""
-    monkeypatch.setattr(ModelResult, "intervals", {})
-
-    def run(frames: str, seed: int = 0) -> ModelResult:
-        return ModelResult("kitti-fc", frames, "OOD", "a", "", {}, run=SimpleNamespace(rows=_rows(seed)))
-
+def test_figures_without_data_are_left_out_and_sample_sets_are_numbered():
+    """A run that has curves but no means; the first of two sets has no ground truth; a single set has no number."""
     of_means = {"clean_against_cre", "crer_by_family", "relations", "effective_trend"}
-    assert set(all_figures([*published_results(), run("UNKNOWN")])) == of_means | {"severity_rcre_1", "severity_epe_1"}
-    assert not all_figures([])
-    kitti = [replace(line, run=run("", index).run) for index, line in enumerate(_own("OOD", "OOD"))]
+    run = {LineKey("kitti-fc", "UNKNOWN", "OOD", "a"): _run(_rows())}
+    assert set(all_figures({**published_lines(), **run})) == of_means | {"severity_rcre_1", "severity_epe_1"}
+    assert not all_figures({})
+    own = _changed(_own("OOD", "OOD"), lambda *_: {"source": "measured"})
+    kitti = {key: Numbers(line | _run(_rows(index))) for index, (key, line) in enumerate(own.items())}
     assert set(all_figures(kitti)) == {"clean_against_cre", "severity_rcre", "severity_epe"}
     curves = {f"severity_{metric}_{number}" for metric in ("rcre", "epe") for number in (1, 2)}
-    clip = replace(run("clip"), benchmark="gopro-fc")
-    assert set(all_figures([clip, *kitti])) == {"clean_against_cre_2"} | curves
-    assert not figures_by_sample_set([replace(line, benchmark="folder") for line in _own("OOD", "UNKNOWN")])
+    clip = {LineKey("gopro-fc", "clip", "OOD", "a"): _run(_rows())}
+    assert set(all_figures(clip | kitti)) == {"clean_against_cre_2"} | curves
+    unknown = {key._replace(benchmark="folder"): line for key, line in _own("OOD", "UNKNOWN").items()}
+    assert not figures_by_sample_set(unknown)
 
 
 def test_own_models_on_the_same_frames_are_drawn_together():
     """Five models in four settings give one panel; FlowDiffuser, which the paper does not discuss, is one of them. A
     model in two settings has a panel for each."""
-    results = [
-        replace(line, name=line.name.replace("M1", "FlowDiffuser"))
-        for line in _own("knowledge", "OOD", "ID", "UNKNOWN", "UNKNOWN")
-    ]
+    lines = _own("knowledge", "OOD", "ID", "UNKNOWN", "UNKNOWN")
+    results = _renamed(lines, lambda name: name.replace("M1", "FlowDiffuser"))
     drawn = figures_by_sample_set(results)["own frames"]
     for name in ("clean_against_cre", "relations"):
         shown = {(mark.model, mark.setting) for marks in drawn[name].marks.values() for mark in marks}
@@ -376,7 +395,7 @@ def test_own_models_on_the_same_frames_are_drawn_together():
         assert shown == {("M0", "knowledge"), ("FlowDiffuser", "OOD"), ("M2", "ID"), *unknown}
     assert len(drawn["clean_against_cre"].axes) == len(drawn["effective_trend"].axes) == 1
     assert drawn["relations"].axes[0].get_title(loc="left").startswith("(a) r = 1.00")
-    results = [replace(line, name="M") for line in _own("OOD", "ID")]
+    results = _renamed(_own("OOD", "ID"), lambda _: "M")
     assert len(figures_by_sample_set(results)["own frames"]["clean_against_cre"].axes) == 2
 
 

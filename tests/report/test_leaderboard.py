@@ -14,30 +14,31 @@ import pytest
 import robustflow as rf
 from robustflow.corruptions.registry import FAMILIES
 from robustflow.models import load_model
+from robustflow.models.provenance import Training
 from robustflow.report.leaderboard import GROUP, board_cells, boards_of, by_error
 from robustflow.report.paper_tables import build_table, cost_table
 from robustflow.report.render import render
 from robustflow.report.site.content import whole_content
 from robustflow.report.tables import tables_of
 from robustflow.run.run import Run
-from robustflow.stats.model_result import ModelResult, Value, lines_of
-from robustflow.stats.published.tables import published_costs, published_results
+from robustflow.stats.lines import Lines, Numbers, lines_of
+from robustflow.stats.published.tables import published_costs, published_lines
 from robustflow.stats.results_file import parse_results, results_csv
-from robustflow.stats.verdict import Verdict
+from tests.made_rows import change_manifest
 
-EPE = ("epe", "average")
+EPE = ("epe", "average", None)
 
 
 def _file(text: str, *columns: str) -> pl.DataFrame:
     return parse_results(",".join(("setting,model,metric,corruption,value", *columns)) + "\n" + text, "a.csv", "a")
 
 
-_CELLS = board_cells(published_results())
+_CELLS = board_cells(published_lines())
 
 
 def _published(benchmark: str, setting: str, name: str):
     of = (benchmark, setting, name)
-    return next(cells for line, cells in _CELLS.items() if (line.benchmark, line.setting, line.name) == of)
+    return next(cells for key, cells in _CELLS.items() if (key.benchmark, key.setting, key.model) == of)
 
 
 def _best(cells):
@@ -51,105 +52,102 @@ def test_ranks_and_cost_are_those_that_the_paper_prints():
             if not rank:
                 continue
             cells = _published("kitti-fc", setting, name)
-            assert (cells["average_rank", ""].text, cells["average_rank", ""].best) == (rank, rank == "1")
-            assert cells["crer", "average"].text == cost[f"crer_{setting.lower()}"]
-            assert cells["parameters", ""].text == cost["parameters_m"]
-            assert cells["flops", ""].text == cost["flops_g"]
+            assert (cells["average_rank", "", None].text, cells["average_rank", "", None].best) == (rank, rank == "1")
+            assert cells["crer", "average", None].text == cost[f"crer_{setting.lower()}"]
+            assert cells["parameters", "", None].text == cost["parameters_m"]
+            assert cells["flops", "", None].text == cost["flops_g"]
 
 
 def test_crer_and_class_means_that_the_paper_does_not_print_are_derived_and_unmarked():
     cells = _published("kitti-fc", "OOD", "FlowDiffuser")
-    clean, whole = (float(cells["epe", name].text) for name in ("clean", "average"))
-    assert float(cells["crer", "average"].text) == pytest.approx((whole - clean) / clean, abs=0.005)
-    assert [key for key, cell in cells.items() if cell.derived] == [("crer", "average")]
-    assert not cells["crer", "average"].best
-    assert not any(("crer", "average") in cells for line, cells in _CELLS.items() if line.benchmark == "gopro-fc")
+    clean, whole = (float(cells["epe", name, None].text) for name in ("clean", "average"))
+    assert float(cells["crer", "average", None].text) == pytest.approx((whole - clean) / clean, abs=0.005)
+    assert [key for key, cell in cells.items() if cell.derived] == [("crer", "average", None)]
+    assert not cells["crer", "average", None].best
+    assert not any(("crer", "average", None) in cells for key, cells in _CELLS.items() if key.benchmark == "gopro-fc")
     cells = _published("kitti-fc", "OOD", "CSFlow")
     for family in ("weather", "noise"):
-        values = [float(cells["cre", name].text) for name in FAMILIES[family]]
-        assert float(cells["cre", family].text) == pytest.approx(fmean(values), abs=0.005)
+        values = [float(cells["cre", name, None].text) for name in FAMILIES[family]]
+        assert float(cells["cre", family, None].text) == pytest.approx(fmean(values), abs=0.005)
 
 
-def _measured(*models: tuple[str, str, float]) -> list[ModelResult]:
-    run = type("Run", (), {"rows": pl.DataFrame({"sample": []})})()
-    return [
-        ModelResult(
-            *("kitti-fc", "here", setting, name, ""),
-            {("epe", "clean"): Value(number), EPE: Value(number)},
-            run=run,
-            excluded="it is blind" if name == "Blind" else "",
+def _measured(*models: tuple[str, str, float]) -> Lines:
+    made = "\n".join(
+        f"{setting},{name},epe,{of},{number}" for name, setting, number in models for of in ("clean", "average")
+    )
+    return {
+        key: Numbers(
+            (of, row | {"source": "measured", "excluded": "it is blind" if key.model == "Blind" else ""})
+            for of, row in line.items()
         )
-        for name, setting, number in models
-    ]
-
-
-@pytest.fixture
-def untested(monkeypatch):
-    """Leave out the paired tests, which need rows: every model is in its own group."""
-
-    def verdict(rows):
-        return Verdict("leads", tuple(rows), letters=dict.fromkeys(rows, "a") if len(rows) > 1 else {})
-
-    monkeypatch.setattr("robustflow.report.leaderboard.verdict_of", verdict)
+        for key, line in lines_of(_file(f"{made}\n")).items()
+    }
 
 
 @pytest.mark.parametrize(
-    ("models", "grouped", "best"),
+    ("models", "best"),
     [
-        ([("A", "OOD", 2.0), ("B", "OOD", 2.01)], {"A", "B"}, {"A"}),
+        ([("A", "OOD", 2.0), ("B", "OOD", 2.01)], {"A"}),
         (
             [
                 ("DIS", "knowledge", 3.0),
                 *(("A", "OOD", 2.0), ("B", "ID", 3.0), ("C", "UNKNOWN", 4.0), ("Blind", "OOD", 1.0)),
             ],
             set(),
-            set(),
         ),
-        ([("DIS", "knowledge", 3.0), ("Blind", "OOD", 1.0)], set(), set()),
-        ([("Blind", "OOD", 1.0), ("A", "OOD", 2.0), ("B", "OOD", 3.0)], {"A", "B"}, {"A"}),
+        ([("DIS", "knowledge", 3.0), ("Blind", "OOD", 1.0)], set()),
+        ([("Blind", "OOD", 1.0), ("A", "OOD", 2.0), ("B", "OOD", 3.0)], {"A"}),
     ],
 )
-def test_groups_and_marks_are_within_one_setting(untested, models, grouped, best):
-    """Excluded models have neither; a single model and knowledge-driven ones have no mark."""
+def test_marks_are_within_one_setting(models, best):
+    """Excluded models, a single model and knowledge-driven ones have no mark."""
     cells = board_cells(_measured(*models))
-    assert {line.name for line, of in cells.items() if GROUP in of} == grouped
-    assert {line.name for line, of in cells.items() if of[EPE].best} == best
+    assert {key.model for key, of in cells.items() if of[EPE].best} == best
+
+
+def test_group_letters_are_within_one_setting(many_images):
+    """Excluded models and a single model of a setting have none."""
+    runs = [many_images("A"), many_images("Bb", 1.22, seed=1), many_images("Ccc", 3.0)]
+    change_manifest(runs[1], training=Training(sets=("kitti2015",), basis="declared"))
+    cells = board_cells(whole_content(runs, published=False).lines)
+    assert {key.model for key, of in cells.items() if GROUP in of} == {"A", "Ccc"}
 
 
 def test_models_that_a_paired_test_cannot_tell_apart_share_a_group_letter(many_images):
     """A and Bb differ by less than the images allow to tell; Ccc has three times the error of A."""
     runs = [many_images("A"), many_images("Bb", 1.22, seed=1), many_images("Ccc", 3.0)]
     content = whole_content(runs, published=False)
-    assert {line.name: cells[GROUP].text for line, cells in content.cells.items()} == {"A": "a", "Bb": "a", "Ccc": "b"}
+    letters = {key.model: cells[GROUP].text for key, cells in board_cells(content.lines).items()}
+    assert letters == {"A": "a", "Bb": "a", "Ccc": "b"}
     assert "Rank" not in [column.label for board in content.boards for column in board.columns]
     equal = whole_content([many_images("A"), many_images("Bb")], published=False)
-    assert {cells[GROUP].text for cells in equal.cells.values()} == {"a"}
+    assert {cells[GROUP].text for cells in board_cells(equal.lines).values()} == {"a"}
 
 
 def test_runs_have_intervals(many_images):
     content = whole_content([many_images("A"), many_images("Bb", 1.5)], published=False)
-    for line, cells in content.cells.items():
-        low, high = line.intervals["cre", "average"]
-        assert low < line.number("cre", "average") < high
-        assert cells["cre", "average"].interval == f"[{low:.2f}, {high:.2f}]"
+    for key, cells in board_cells(content.lines).items():
+        low, high = content.lines[key].ends("cre", "average")
+        assert low < content.lines[key].number("cre", "average") < high
+        assert cells["cre", "average", None].interval == f"[{low:.2f}, {high:.2f}]"
 
 
 def test_results_on_different_frames_are_not_ranked_together():
     own = _file("OOD,RAFT,epe,clean,0.10,mine\nOOD,RAFT,epe,average,0.20,mine\n", "sample_set")
     content = whole_content([], [("a.csv", own)])
-    mine = content.lines[-1]
-    assert mine.frames == "mine"
+    cells, mine = board_cells(content.lines), list(content.lines)[-1]
+    assert mine.sample_set == "mine"
     assert list(content.pages.values()).count(content.pages[mine]) == 1
-    assert ("flops", "") not in content.cells[mine]
-    before = {(line.setting, line.name): _best(cells) for line, cells in _CELLS.items() if line.benchmark == "kitti-fc"}
-    rest = [line for line in content.lines if line.benchmark == "kitti-fc" and line != mine]
-    assert {(line.setting, line.name): _best(content.cells[line]) for line in rest} == before
+    assert ("flops", "", None) not in cells[mine]
+    assert {key: _best(of) for key, of in cells.items() if key != mine} == {
+        key: _best(of) for key, of in _CELLS.items()
+    }
 
 
 def test_missing_values_are_sorted_last():
     results = lines_of(_file("OOD,A,epe,average,5.00\nOOD,B,cre,fog,1.00\nOOD,C,epe,average,4.00\n"))
-    assert [line.name for line in sorted(results, key=by_error)] == ["C", "A", "B"]
-    (board,) = boards_of(board_cells(results), {"a": "Frames of a"})
+    assert [key.model for key, _ in sorted(results.items(), key=by_error)] == ["C", "A", "B"]
+    (board,) = boards_of(results, {"a": "Frames of a"})
     assert [line.label for line in board.lines] == ["C", "A", "B"]
     assert list(csv.DictReader(io.StringIO(render(board, "csv"))))[1]["EPE"] == "5.00"
 
@@ -165,13 +163,13 @@ def test_results_file_that_names_a_measured_or_the_published_sample_set_is_a_gro
     ]
     text = "benchmark,setting,model,metric,corruption,value,sample_set,marked\n" + "\n".join(halved) + "\n"
     both = whole_content([small_run], [("halved.csv", parse_results(text, "halved.csv", "halved"))])
-    assert {line.source for line in both.lines} == {"measured", "published", "claimed"}
+    assert {line.fact("source") for line in both.lines.values()} == {"measured", "published", "claimed"}
     for board in both.boards:
-        sections = [{line.result.source for line in section.lines} for section in board.sections]
+        sections = [{both.lines[line.result].fact("source") for line in part.lines} for part in board.sections]
         assert (len(sections), sections[-1]) == (2, {"claimed"})
         assert not any(cell.best for line in board.sections[-1].lines for cell in line.cells)
-    before = {line.key: _best(content.cells[line]) for line in content.lines}
-    assert {line.key: _best(both.cells[line]) for line in both.lines if line.source != "claimed"} == before
+    before, after = board_cells(content.lines), board_cells(both.lines)
+    assert {key: _best(after[key]) for key in before} == {key: _best(cells) for key, cells in before.items()}
 
 
 def _clipped(flow: np.ndarray) -> np.ndarray:
@@ -215,20 +213,18 @@ def models(tmp_path_factory) -> dict[str, Run]:
 def test_shortened_flow_leads_no_board_and_has_no_bold_value(models, short):
     """It has the lower CRE and RCRE, but the larger error."""
     content = whole_content([models[short], models["sound"]], published=False)
-    sound, other = (next(line for line in content.lines if line.name == name) for name in ("sound", short))
+    keys = {key.model: key for key in content.lines}
+    (sound, other), cells = (content.lines[keys[name]] for name in ("sound", short)), board_cells(content.lines)
     for of in (("cre", "average"), ("rcre", "average")):
         assert other.number(*of) < sound.number(*of)
     assert [line.label for line in content.boards[0].lines] == ["sound", short]
-    assert not _best(content.cells[other])
-    assert _best(content.cells[sound]) == (set() if other.excluded else {EPE, ("epe", "clean"), *_epe_keys(content)})
+    excluded = bool(other.fact("excluded"))
+    assert not _best(cells[keys[short]])
+    assert _best(cells[keys["sound"]]) == (set() if excluded else {of for of in cells[keys["sound"]] if of[0] == "epe"})
     for name in ("epe", "cre", "rcre", "cost"):
         table = cost_table(content.lines) if name == "cost" else build_table(name, content.lines)
         marked = {line.label for line in table.lines if line.best or any(cell.best for cell in line.cells)}
-        assert marked == ({"sound"} if name == "epe" and not other.excluded else set())
-
-
-def _epe_keys(content) -> set:
-    return {key for cells in content.cells.values() for key in cells if key[0] == "epe"}
+        assert marked == ({"sound"} if name == "epe" and not excluded else set())
 
 
 def test_comparison_without_a_metric_follows_the_error(models):
@@ -242,13 +238,13 @@ def test_comparison_without_a_metric_follows_the_error(models):
 def test_board_without_ground_truth_shows_what_tells_a_blind_model_from_a_robust_one(runs_without_truth):
     """The length of the flow, and the photometric errors of the flow and of zero flow."""
     content = whole_content(runs_without_truth, published=False)
-    for line, run in zip(content.lines, runs_without_truth, strict=True):
+    for cells, run in zip(board_cells(content.lines).values(), runs_without_truth, strict=True):
         clean = run.rows.filter(corruption="clean")
-        shown = {key: cell.text for key, cell in content.cells[line].items()}
-        assert shown["flow_length", "clean"] == f"{(clean['pred_magnitude_sum'] / clean['n_all']).mean():.2f}"
+        shown = {key: cell.text for key, cell in cells.items()}
+        assert shown["flow_length", "clean", None] == f"{(clean['pred_magnitude_sum'] / clean['n_all']).mean():.2f}"
         for name in ("photometric", "photometric_still"):
-            assert shown[name, "clean"] == f"{(clean[f'{name}_sum'] / clean['n_photometric']).mean():.2f}"
-        assert GROUP not in content.cells[line]
+            assert shown[name, "clean", None] == f"{(clean[f'{name}_sum'] / clean['n_photometric']).mean():.2f}"
+        assert GROUP not in cells
     for table in tables_of(runs_without_truth, published=False):
         assert not any("paper" in line.note for line in table.lines)
         assert not any(column.label == "clean EPE (px)" for column in table.columns)

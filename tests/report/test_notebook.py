@@ -14,6 +14,8 @@ from PIL import Image
 from robustflow.api import evaluate
 from robustflow.core.errors import UsageError
 from robustflow.report.run_tables import result_table
+from robustflow.report.table import run_frame
+from robustflow.stats.lines import lines_of
 from robustflow.testing import BrightnessFlow
 from tests.made_rows import made_run
 from tests.refusals import refusal
@@ -41,7 +43,8 @@ def test_notebook_shows_tables_and_figures(runs):
     kind, _, data = picture["src"].partition(",")
     assert kind == "data:image/png;base64"
     assert Image.open(io.BytesIO(b64decode(data))).format == "PNG"
-    cells = {line.label: [cell.text for cell in line.cells] for line in result_table(runs[0]).sections[0].lines}
+    table = result_table(*next(iter(lines_of(run_frame([runs[0]])).items())))
+    cells = {line.label: [cell.text for cell in line.cells] for line in table.sections[0].lines}
     run = runs[0]
     assert cells["all"] == [f"{v:.2f}" for v in (run.epe, run.cre, run.rcre, run.crer)]
     assert cells["Weather"][2] == f"{run.mean('rcre', 'fog'):.2f}"

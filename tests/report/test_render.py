@@ -23,13 +23,13 @@ from robustflow.report.render.latex import escape
 from robustflow.report.render.terminal import render as render_terminal
 from robustflow.report.table import Column, Line, Section, Table, TableCell
 from robustflow.report.tables import tables_of
-from robustflow.stats.published.tables import published_results
+from robustflow.stats.published.tables import published_lines
 
 from ..refusals import refusal
 from .elements import Elements
 from .hostile import HOSTILE
 
-PAPER = [*(build_table(name, published_results()) for name in PAPER_TABLES), cost_table(published_results())]
+PAPER = [*(build_table(name, published_lines()) for name in PAPER_TABLES), cost_table(published_lines())]
 NAMES = [name or "(none)" for name in HOSTILE]
 TABLE = Table(
     "x",
@@ -214,7 +214,7 @@ def test_planted_format_and_table_cost_a_function_and_a_registry_line(tmp_path, 
         "def lines(table):\n    return json.dumps([[c.text for c in line.cells] for line in table.lines])\n\n\n"
         "def broken(table):\n    return table.rows\n\n\ndef nothing(table):\n    return None\n\n\n"
         "def planted(wanted):\n"
-        "    rows = [(one.name, [one.number('epe', 'clean')]) for one in wanted.results]\n"
+        "    rows = [(key.model, [one.number('epe', 'clean')]) for key, one in wanted.lines.items()]\n"
         "    return [Table.of('planted', 'Planted', ['clean EPE'], {'All': rows})]\n"
     )
     monkeypatch.chdir(tmp_path)

@@ -8,7 +8,6 @@ import json
 import math
 import re
 import xml.etree.ElementTree as ElementTree
-from dataclasses import replace
 
 import numpy as np
 import polars as pl
@@ -19,6 +18,7 @@ from robustflow.api import evaluate
 from robustflow.core.errors import DataError, UsageError
 from robustflow.data.datasets import load_dataset
 from robustflow.media.images import read_image
+from robustflow.metrics.measures import MEASURES
 from robustflow.report.figures import clean_against_cre, relations, severity_curves
 from robustflow.report.figures.canvas import new_figure
 from robustflow.report.gallery.layout import picture_of_panel
@@ -31,8 +31,9 @@ from robustflow.report.site.models import model_pages
 from robustflow.report.site.svg import inline_svg
 from robustflow.run.run import Run
 from robustflow.run.trust import DERIVED
-from robustflow.stats.estimate import estimate
-from robustflow.stats.published.tables import published_results
+from robustflow.stats.estimate import cubes_of, estimate
+from robustflow.stats.lines import Numbers
+from robustflow.stats.published.tables import published_frame, published_lines
 from robustflow.stats.results import RESULT_METRICS, long_label
 from robustflow.stats.results_file import parse_results, results_csv
 from robustflow.testing import ConstantFlow
@@ -44,7 +45,7 @@ from .elements import Elements
 from .hostile import HOSTILE
 
 _HEAD = "setting,model,metric,corruption,value,sample_set\n"
-_KITTI = [line for line in published_results() if line.benchmark == "kitti-fc"]
+_KITTI = {key: line for key, line in published_lines().items() if key.benchmark == "kitti-fc"}
 
 
 def _file(text: str):
@@ -59,7 +60,9 @@ def test_runs_files_and_the_paper_are_separate_groups(small_run):
     one, two = _file("OOD,A,epe,average,1.00,\n"), _file("OOD,A,epe,average,2.00,\n")
     content = whole_content([small_run], [("one.csv", one), ("two.csv", two)])
     boards = {board.name: board for board in content.boards}
-    sources = [{line.result.source for line in section.lines} for section in boards["kitti-fc"].sections]
+    sources = [
+        {content.lines[line.result].fact("source") for line in section.lines} for section in boards["kitti-fc"].sections
+    ]
     assert sources == [{"published"}, {"claimed"}, {"claimed"}]
     assert [section.title for section in boards["kitti-fc"].sections][1:] == ["Claimed: one.csv", "Claimed: two.csv"]
     written = _own("OOD,A,epe,average,1.00,\n").frame
@@ -86,7 +89,7 @@ def test_value_given_twice_and_page_without_results_are_refused():
 
 def test_a_page_about_a_run_leaves_the_paper_in_the_background(small_run):
     content = run_content(small_run)
-    assert {line.frames for line in content.focus} == {content.lines[0].frames}
+    assert [content.runs[key] for key in content.focus] == [small_run]
     assert len(content.lines) == 1 + 29 + 11
 
 
@@ -137,12 +140,12 @@ def test_many_runs_have_intervals_of_averages_only_and_release_their_rows(tmp_pa
     monkeypatch.setattr("robustflow.report.site.content.MOST_DETAILED", 1)
     runs = [Run(folder) for folder in folders]
     whole_content(runs, published=False)
-    assert asked == [2, 2]
+    assert asked == [2, 2]  # the clean frames and the average
     assert all("rows" not in vars(run) for run in runs)
     monkeypatch.setattr("robustflow.report.site.content.MOST_DETAILED", 2)
     content = whole_content([Run(folder) for folder in folders], published=False)
-    assert not any(line.intervals for line in content.lines)  # a single pair has no intervals
-    assert asked == [2, 2, 2, 7, 2, 7]
+    assert content.frame["low"].null_count() == content.frame.height  # a single pair has no intervals
+    assert asked == [2, 2, *2 * [2, 7, 1]]  # also corruptions and families, and each severity
 
 
 @pytest.fixture(scope="module")
@@ -166,9 +169,9 @@ def test_page_has_published_rows_figures_and_audit(published):
             texts = entry["texts"].split("\t")
             for index, metric, condition in board["exported"]:
                 shown[board["name"], entry["setting"], entry["name"], metric, condition] = texts[index]
-    for line in published_results():
-        for key, value in ((key, value) for key, value in line.values.items() if key[0] in RESULT_METRICS):
-            assert shown[line.benchmark, line.setting, line.name, *key] == f"{value.number:.2f}"
+    for row in published_frame().filter(pl.col("measure").is_in(RESULT_METRICS)).iter_rows(named=True):
+        key = [row[name] for name in ("benchmark", "setting", "model", "measure", "condition")]
+        assert shown[tuple(key)] == f"{row['value']:.2f}"
     assert [published.count(f"{counts} compared numbers") for counts in ("119 of 2748", "0 of 36")] == [1, 1]
     assert published.count('class="plot"') == 4
     assert published.count('class="chart"') == 2 + 3 + 4 + 2
@@ -243,7 +246,7 @@ def test_headline_of_a_run_names_its_worst_condition_and_shows_its_frame_flow_an
     with real_pictures():
         small_run = evaluate("dis", output=tmp_path, corruptions=["contrast", "fog"], severities=[1, 5], examples=True)
     content = run_content(small_run)
-    headline = headline_of(content, content.boards[0], examples_of(content.lines).panels)
+    headline = headline_of(content, content.boards[0], examples_of(content.runs).panels)
     values = {(c, s): small_run.mean("epe", c, s) for c in ("contrast", "fog") for s in (1, 5)}
     worst = max(values, key=values.get)
     assert f"{small_run.epe_clean:.2f} px on the clean frames and {small_run.epe:.2f} px under" in headline.sentence
@@ -293,7 +296,7 @@ def test_headline_of_several_runs_names_the_lowest_and_those_that_may_be_as_low(
 
 
 def test_headline_claims_a_difference_only_from_runs_that_were_tested(many_images, monkeypatch):
-    monkeypatch.setattr("robustflow.report.leaderboard.MOST_COMPARED", 3)
+    monkeypatch.setattr("robustflow.stats.frame.MOST_COMPARED", 3)
     runs = [many_images("A"), *(many_images(f"B{index}", 3.0, seed=index) for index in range(4))]
     for count, others in ((2, "the others"), (5, "the next 2, the only ones tested")):
         sentence = _headline(whole_content(runs[:count], published=False))
@@ -382,13 +385,17 @@ def test_curves_are_drawn_for_the_eight_runs_with_the_lowest_error(many_images):
 @pytest.mark.slow
 def test_a_hundred_models_stay_below_the_limit():
     """The values printed for RAFT, a little higher for every model, in three settings."""
-    (raft,) = (line for line in _KITTI if (line.setting, line.name) == ("ID", "RAFT"))
-    models = []
-    for index in range(100):
-        values = {key: replace(value, number=value.number * (1 + 0.01 * index)) for key, value in raft.values.items()}
-        setting = ("OOD", "ID", "UNKNOWN")[index % 3]
-        models.append(replace(raft, name=f"Model {index:03d}", setting=setting, frames="file", values=values))
-    text = render_site(whole_content([], [("many.csv", models)], published=False))
+    raft = published_frame().filter(benchmark="kitti-fc", setting="ID", model="RAFT")
+    models = [
+        raft.with_columns(
+            pl.col("value") * (1 + 0.01 * index),
+            model=pl.lit(f"Model {index:03d}"),
+            setting=pl.lit(("OOD", "ID", "UNKNOWN")[index % 3]),
+            sample_set=pl.lit("file"),
+        )
+        for index in range(100)
+    ]
+    text = render_site(whole_content([], [("many.csv", pl.concat(models))], published=False))
     assert len(data_of(text)["models"]) == 100
     assert len(text.encode()) < 1.5e6
 
@@ -409,11 +416,11 @@ def test_every_model_is_a_mark_with_its_numbers_and_the_pages_colours():
     assert {mark.get("data-page") for mark in marks} >= {"page-RAFT", "page-ARFlow"}
     assert set(re.findall(r'\bid="(f7-)?', text)) == {"f7-"}
     assert not re.findall(r"#[0-9a-f]{6}|xlink|<style", text)
-    curves = _svg(
-        severity_curves(
-            {"a": rows_of(*(Truth().draw(np.random.default_rng(0), np.ones(3, int))[i] for i in (0, 1, 1)))}
-        )
-    )
+    clean, corrupted = Truth().draw(np.random.default_rng(0), np.ones(3, int))
+    (cube,) = cubes_of({"a": rows_of(clean, corrupted, corrupted)}).values()
+    known = estimate(cube, {"rcre": MEASURES["rcre"]}, [at for at in cube.conditions if at[1]]).to_dicts()
+    numbers = Numbers(((row["measure"], row["condition"], row["severity"]), row) for row in known)
+    curves = _svg(severity_curves({"a": numbers}))
     labels = [mark.get("data-label") for mark in _marks(curves)]
     assert [re.search("severity ([0-9])", text)[1] for text in labels] == ["1", "3", "2"]
 
@@ -431,7 +438,7 @@ def test_panels_of_a_figure_have_one_size_and_contain_their_marks_in_place():
         ]
         assert len(places) == 11 + 14
         assert all(x <= at <= x + width and y <= up <= y + height for at, up in places)
-    epe = {line.name: line.number("epe", "clean") for line in _KITTI if line.setting == "OOD"}
+    epe = {key.model: line.number("epe", "clean") for key, line in _KITTI.items() if key.setting == "OOD"}
     ood = [mark for mark in _marks(panels[0]) if "(OOD)" in mark.get("data-label")]
     names = [mark.get("data-page").removeprefix("page-") for mark in sorted(ood, key=lambda mark: float(mark.get("x")))]
     assert names == sorted(names, key=epe.__getitem__)

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 
 from robustflow.core.errors import UsageError
+from robustflow.models.provenance import Training
 from robustflow.report.paper_tables import PAPER_TABLES, build_table, cost_table
 from robustflow.report.tables import tables_of
-from robustflow.stats.model_result import ModelResult, lines_of
-from robustflow.stats.published.tables import published_frame, published_results
+from robustflow.stats.lines import Lines, Numbers, lines_of
+from robustflow.stats.published.tables import published_frame, published_lines
 from robustflow.stats.results_file import parse_results
-from robustflow.stats.seeds import SeedGroup
-from tests.made_rows import made_run
+from tests.made_rows import change_manifest, made_run
 from tests.refusals import refusal
 
 from ..stats.simulated import Truth, rows_of
@@ -35,7 +35,7 @@ def _printed(table) -> dict[tuple[str, str], list[tuple[str, bool]]]:
 )
 def test_values_and_marks_are_the_printed_ones(name, metric, benchmark):
     """Check Tab. 2 and 4 only, because some marks in Tab. 7 and 8 are misplaced in the paper (see the audit)."""
-    table, published = build_table(name, published_results()), published_frame()
+    table, published = build_table(name, published_lines()), published_frame()
     for (setting, model), cells in _printed(table).items():
         rows = published.filter(measure=metric, benchmark=benchmark, setting=setting, model=model)
         expected = sorted((f"{row['value']:.2f}", bool(row["marked"])) for row in rows.iter_rows(named=True))
@@ -58,7 +58,7 @@ def test_the_title_names_what_was_measured_on(benchmarks, title):
 
 
 def test_columns_follow_the_paper():
-    table = build_table("epe", published_results())
+    table = build_table("epe", published_lines())
     assert [c.label for c in table.columns][:3] == ["Clean", "JPEG", "Pixelate"]
     assert table.columns[-1].label == "AVG EPE"
     cells = dict(zip([(c.group, c.label) for c in table.columns], _printed(table)["ID", "GMA"], strict=True))
@@ -67,30 +67,29 @@ def test_columns_follow_the_paper():
 
 
 def test_the_cost_table_has_the_printed_ranks():
-    texts, best = zip(*_printed(cost_table(published_results()))["Published", "CSFlow"], strict=True)
+    texts, best = zip(*_printed(cost_table(published_lines()))["Published", "CSFlow"], strict=True)
     assert texts == ("5.60", "251.7 (5)", "1.16 (3)", "2.19 (5)", "1", "4")
     assert best == (False, False, False, False, True, False)
 
 
-def _own(text: str) -> list[ModelResult]:
+def _own(text: str) -> Lines:
     return lines_of(parse_results("setting,model,metric,corruption,value,note\n" + text, "own.csv", "own"))
 
 
 def test_runs_are_compared_only_on_the_same_frames():
     """A model with a tiny error on different pairs does not take the mark from a published one."""
     own = _own("OOD,Tiny,epe,clean,0.01,4 pairs\nOOD,Tiny,epe,fog,0.02,4 pairs\nOOD,Tiny,epe,average,0.02,4 pairs\n")
-    table = build_table("epe", [*published_results(), *own])
+    table = build_table("epe", {**published_lines(), **own})
     ood = {line.label: line for section in table.sections if "OOD" in section.title for line in section.lines}
     assert ood["Tiny"].note == "4 pairs"
     assert not any(cell.best for cell in ood["Tiny"].cells)
     assert [cell.text for cell in ood["Tiny"].cells].count("-") == 19
     assert ood["SAMFlow-H"].cells[0].best
     claimed = _own("OOD,A,epe,clean,2.0,\nOOD,B,epe,clean,1.0,\nOOD,C,epe,clean,1.00,\n")
-    runs = [
-        ModelResult(line.benchmark, line.frames, line.setting, line.name, "", line.values, run=object())
-        for line in claimed
-    ]
-    table = build_table("epe", [*published_results(), *runs])
+    runs = {
+        key: Numbers((of, row | {"source": "measured"}) for of, row in line.items()) for key, line in claimed.items()
+    }
+    table = build_table("epe", {**published_lines(), **runs})
     best = [
         line.label
         for section in table.sections
@@ -101,17 +100,20 @@ def test_runs_are_compared_only_on_the_same_frames():
     assert best == ["SAMFlow-H", "B", "C"]
 
 
-def test_seeds_have_a_mean_only_in_a_section_with_all_of_them():
-    """Runs of one model may differ in the declared training data, or one of them may have no value."""
-    seeds = [SeedGroup("A", (0, 1), (("own", "A 0"), ("own", "A 1")))]
-    for setting, shown in (("OOD", ["A 0", "A 1", "A, 2 seeds"]), ("ID", ["A 0", "A 1"])):
-        own = _own(f"OOD,A 0,epe,clean,1.00,\n{setting},A 1,epe,clean,2.00,\n")
-        assert [line.label for line in build_table("epe", own, seeds).lines] == shown
+def test_seeds_have_a_mean_only_in_a_section_with_all_of_them(small_run):
+    """Runs of one model may differ in the declared training data."""
+    runs = [made_run(small_run, small_run.rows, "A", seed=seed) for seed in (0, 1)]
+    (table,) = tables_of(runs, published=False, wanted=["epe"])
+    assert [line.label for line in table.lines] == ["A (seed 0)", "A (seed 1)", "A, 2 seeds"]
+    change_manifest(runs[1], training=Training(sets=("flyingchairs",), basis="declared"))
+    (table,) = tables_of(runs, published=False, wanted=["epe"])
+    assert len(table.lines) == 2
+    assert not any("seeds" in line.label for line in table.lines)
 
 
 def test_unknown_or_empty_table_is_refused():
-    refusal(lambda: build_table("eppe", published_results()), UsageError, "eppe")
-    for make in (*(lambda name=name: build_table(name, []) for name in PAPER_TABLES), lambda: cost_table([])):
+    refusal(lambda: build_table("eppe", published_lines()), UsageError, "eppe")
+    for make in (*(lambda name=name: build_table(name, {}) for name in PAPER_TABLES), lambda: cost_table({})):
         refusal(make, UsageError, "--table")
 
 

@@ -18,8 +18,9 @@ from robustflow.run.manifest import Manifest
 from robustflow.run.records.pack import load_any_run, pack
 from robustflow.run.repeat import recheck
 from robustflow.run.run import Run
-from robustflow.stats.model_result import run_results
-from robustflow.stats.run_results import comparison_notes
+from robustflow.stats.frame import results_frame
+from robustflow.stats.lines import lines_of
+from robustflow.stats.notes import comparison_notes
 from robustflow.stats.seeds import seeds_of
 from robustflow.testing import ZeroFlow
 from tests.made_rows import made_run, rows_frame
@@ -92,7 +93,7 @@ def test_different_data_are_a_different_sample_set_and_the_difference_is_named(b
     described = differences({"A": one, "B": other})
     assert described
     assert words in described
-    assert [line.frames for line in run_results([one, other])] == [sample_set(one), sample_set(other)]
+    assert [line.sample_set for line in lines_of(results_frame([one, other]))] == [sample_set(one), sample_set(other)]
 
 
 @pytest.mark.parametrize(
@@ -145,7 +146,7 @@ def test_lines_of_different_seeds_state_their_seed(base):
     runs = [made_run(base, rows(), "A"), made_run(base, rows(), "B", seed=1), made_run(base, rows(), "C")]
     notes = comparison_notes(runs)
     assert notes[0] == notes[2] != notes[1]
-    assert [line.note for line in run_results(runs)] == notes
+    assert [line.fact("note") for line in lines_of(results_frame(runs)).values()] == notes
     assert len(set(comparison_notes(runs[::2]))) == 1
 
 

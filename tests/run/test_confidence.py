@@ -12,7 +12,7 @@ from robustflow.core.errors import ModelError, RunError
 from robustflow.metrics import ause, confidence_correlation, epe_map, error_at, forward_backward
 from robustflow.models import ModelRef
 from robustflow.run.records.row_rules import check_rules
-from robustflow.stats.frame import confidence_means
+from robustflow.stats.numbers import confidence_means
 from robustflow.testing import TexturePairs
 from tests.refusals import refusal
 

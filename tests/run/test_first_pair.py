@@ -11,7 +11,7 @@ import pytest
 import robustflow as rf
 from robustflow.data.benchmarks import Benchmark
 from robustflow.data.datasets.shapes.dataset import FlyingShapes
-from robustflow.stats.run_results import comparison_note
+from robustflow.stats.notes import comparison_note
 from robustflow.testing import ConstantFlow, ZeroFlow
 
 FEW = {"corruptions": "contrast", "severities": 1}

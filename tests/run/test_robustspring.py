@@ -15,13 +15,14 @@ from robustflow.data.benchmarks import load_benchmark
 from robustflow.data.datasets import load_dataset
 from robustflow.media.images import write_image
 from robustflow.models import load_model
-from robustflow.report.leaderboard import board_cells, boards_of
+from robustflow.report.leaderboard import boards_of
 from robustflow.report.paper_tables import build_table
+from robustflow.report.table import run_frame
 from robustflow.run.records.format import container_bytes
 from robustflow.run.records.pack import record_bytes
 from robustflow.run.source import RunSource
 from robustflow.run.submission import Robustness, Submitted
-from robustflow.stats.model_result import lines_of, run_results
+from robustflow.stats.lines import lines_of
 from robustflow.stats.robustspring import robustspring_results
 from tests.run.records.forge import entries_of as entries_of_record
 from tests.run.records.forge import failure, verified
@@ -107,18 +108,20 @@ def test_rcre_is_how_far_the_flow_moves(run, expected):
 def test_the_export_has_the_same_numbers_under_the_same_names(run, expected):
     flows = [Submitted("clean", "a", True, "0", None)]
     flows += [Submitted(name, "a", True, "1", Robustness(value, 0.0, 0.0)) for name, value in expected.items()]
-    (ours,), (theirs,) = run_results([run]), lines_of(robustspring_results(run, flows))
-    assert ours.benchmark == theirs.benchmark == "robustspring"
-    assert ours.numbers("rcre") == pytest.approx(theirs.numbers("rcre"), rel=1e-6)
+    ours, theirs = (lines_of(frame) for frame in (run_frame([run]), robustspring_results(run, flows)))
+    assert {key.benchmark for key in (*ours, *theirs)} == {"robustspring"}
+    (ours,), (theirs,) = ours.values(), theirs.values()
+    assert ours.by_corruption("rcre") == pytest.approx(theirs.by_corruption("rcre"), rel=1e-6)
+    assert ours.number("rcre", "average") == pytest.approx(theirs.number("rcre", "average"), rel=1e-6)
 
 
 def test_run_on_robustspring_is_shown_in_tables_and_pages(run):
-    results = run_results([run])
+    results = lines_of(run_frame([run]))
     table = build_table("rcre", results)
     headings = [(column.label, column.group) for column in table.columns]
     assert headings == [("RS fog", "Weather"), ("RS zoom blur", "Blur"), ("AVG RCRE", "")]
-    (board,) = boards_of(board_cells(results), {})
-    assert ("rcre", "robustspring_fog") in [column.key for column in board.columns]
+    (board,) = boards_of(results, {})
+    assert ("rcre", "robustspring_fog", None) in [column.key for column in board.columns]
 
 
 def test_path_of_springs_frames_is_not_part_of_the_identity(run, root, tmp_path, monkeypatch):

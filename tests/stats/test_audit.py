@@ -16,8 +16,8 @@ from hypothesis import strategies as st
 from robustflow.api import evaluate
 from robustflow.corruptions.registry import IMAGE_PAIR
 from robustflow.stats.audit import AUDIT_CHECKS, Audit, audit_published, audit_results
-from robustflow.stats.model_result import run_frame
-from robustflow.stats.published.tables import published_results
+from robustflow.stats.frame import results_frame
+from robustflow.stats.published.tables import published_frame
 from robustflow.stats.results import AVERAGE, CLEAN
 from robustflow.stats.results_file import parse_results, results_csv
 from tests.made_rows import made_run
@@ -60,12 +60,12 @@ def test_finding_gives_the_printed_and_the_recomputed_value():
 def test_recomputed_cre_equals_exact_decimal_arithmetic():
     """The same check with exact decimal arithmetic finds the same cells."""
     expected = set()
-    for line in published_results():
-        if line.benchmark == "kitti-fc":
-            number = {key: Decimal(f"{value.number:.2f}") for key, value in line.values.items()}
-            for name in {name for metric, name in number if metric == "cre"}:
-                if abs(number["epe", name] - number["epe", CLEAN] - number["cre", name]) > Decimal("0.015"):
-                    expected.add((line.setting, line.name, name))
+    for (setting, model), rows in published_frame().filter(benchmark="kitti-fc").group_by("setting", "model"):
+        cells = rows.select("measure", "condition", "value").iter_rows()
+        number = {(measure, name): Decimal(f"{value:.2f}") for measure, name, value in cells}
+        for name in {name for metric, name in number if metric == "cre"}:
+            if abs(number["epe", name] - number["epe", CLEAN] - number["cre", name]) > Decimal("0.015"):
+                expected.add((setting, model, name))
     assert {(f.setting, f.model, f.corruption) for f in _findings_with("cre")} == expected
 
 
@@ -192,7 +192,9 @@ def test_exported_means_of_an_incomplete_run_are_not_called_inconsistent(run):
     """Its clean and its corrupted errors are over different pairs."""
     last = (pl.col("sample") == run.rows["sample"][-1]) & (pl.col("corruption") == "contrast")
     part = made_run(run, run.rows.filter(~last))
-    table = parse_results(results_csv(run_frame([part])), "results.csv", "file")
+    table, whole = (
+        parse_results(results_csv(results_frame([one], ["means"])), "results.csv", "file") for one in (part, run)
+    )
     assert table["coverage"].unique().to_list() == [pytest.approx(8 / 10)]
     assert "cre" not in audit_results(table).checked
-    assert audit_results(parse_results(results_csv(run_frame([run])), "results.csv", "file")).checked["cre"] == 3
+    assert audit_results(whole).checked["cre"] == 3

@@ -10,8 +10,7 @@ import pytest
 from robustflow.api import evaluate
 from robustflow.metrics import Cube
 from robustflow.metrics.measures import CLEAN_MEASURES
-from robustflow.stats.exclusion import exclusion_reasons, reasons_from_rows
-from robustflow.stats.model_result import run_results
+from robustflow.stats.exclusion import exclusion_reasons, exclusions, reasons_from_rows
 from robustflow.testing import ConstantFlow
 from tests.made_rows import made_run, rows_frame
 from tests.run.mean_rows import row
@@ -75,7 +74,7 @@ def test_flow_is_excluded_below_half_of_the_median_length_of_the_others(base, sh
     """Of the other models' 40, 50 and 100 px, the median is 50 and the mean 63 px."""
     lengths = {"a": 40.0, "b": 50.0, "c": 100.0, "short": shorter}
     runs = [made_run(base, _rows(0.0, 0.1 * px, px, truth=False), name) for name, px in lengths.items()]
-    assert [line.name for line in run_results(runs) if line.excluded] == ["short"] * excluded
+    assert [run.name for run, why in zip(runs, exclusions(runs), strict=True) if why] == ["short"] * excluded
 
 
 def test_guard_averages_over_images_with_unequal_numbers_of_pixels():

@@ -11,8 +11,9 @@ import pytest
 
 from robustflow.core.errors import DataError
 from robustflow.corruptions import IMAGE_PAIR
+from robustflow.stats.frame import DERIVED
 from robustflow.stats.imported import NOTE, read_imported
-from robustflow.stats.model_result import lines_of
+from robustflow.stats.lines import lines_of
 from robustflow.stats.results_file import parse_results, read_results, results_csv
 from tests.refusals import refusal
 
@@ -43,11 +44,15 @@ def _write(folder, content, name="results.json"):
 
 
 def test_results_file_of_the_reference_code_is_read(tmp_path):
-    (line,) = lines_of(read_imported([_write(tmp_path / "RAFT_ood_2024-11-01_10-00-00", _reference())]))
-    assert (line.setting, line.name) == ("UNKNOWN", "RAFT_ood_2024-11-01_10-00-00")
-    assert (line.benchmark, line.note) == ("kitti-fc", NOTE)
-    assert line.frames == "Reference code, kitti-fc, average over 20 corruptions"
-    cre, epe, rcre = map(line.numbers, ("cre", "epe", "rcre"))
+    read = read_imported([_write(tmp_path / "RAFT_ood_2024-11-01_10-00-00", _reference())])
+    ((key, line),) = lines_of(read).items()
+    assert (key.setting, key.model) == ("UNKNOWN", "RAFT_ood_2024-11-01_10-00-00")
+    assert (key.benchmark, line.fact("note")) == ("kitti-fc", NOTE)
+    assert key.sample_set == "Reference code, kitti-fc, average over 20 corruptions"
+    cre, epe, rcre = (
+        {of: row["value"] for (name, of, _), row in line.items() if name == metric and row["origin"] != DERIVED}
+        for metric in ("cre", "epe", "rcre")
+    )
     assert cre["high_light"] == pytest.approx(0.3 * 5)
     assert cre["average"] == pytest.approx(fmean(0.3 * (number + 1) for number in range(20)))
     assert epe["clean"] == 3.5
@@ -58,18 +63,18 @@ def test_results_file_of_the_reference_code_is_read(tmp_path):
 
 def test_gopro_results_have_only_rcre_and_averages_name_their_corruptions(tmp_path):
     few = {name: {"rCRE": [1, 2, 3, 4, 5], "rCRE_mean": 3.0} for name in ("h264_abr", "h264_crf", "bit_error")}
-    (line,) = lines_of(read_imported([_write(tmp_path / "RAFT", few)]))
-    assert (line.benchmark, {metric for metric, _ in line.values}) == ("gopro-fc", {"rcre"})
-    assert line.frames.endswith("average over 3 corruptions: h264_crf, h264_abr, bit_error")
+    ((key, line),) = lines_of(read_imported([_write(tmp_path / "RAFT", few)])).items()
+    assert (key.benchmark, {metric for metric, *_ in line}) == ("gopro-fc", {"rcre"})
+    assert key.sample_set.endswith("average over 3 corruptions: h264_crf, h264_abr, bit_error")
     (without,) = lines_of(read_imported([_write(tmp_path / "GMA", _reference(_ON_DISK[:-1]))]))
-    assert without.frames.endswith("average over 19 corruptions, without psf_blur")
+    assert without.sample_set.endswith("average over 19 corruptions, without psf_blur")
 
 
 def test_files_with_equal_corruptions_form_one_group(tmp_path):
     paths = [_write(tmp_path / name, _reference()) for name in ("RAFT_ood", "GMA_ood")]
     lines = lines_of(read_imported(paths))
-    assert [line.name for line in lines] == ["RAFT_ood", "GMA_ood"]
-    assert len({line.frames for line in lines}) == 1
+    assert [line.model for line in lines] == ["RAFT_ood", "GMA_ood"]
+    assert len({line.sample_set for line in lines}) == 1
 
 
 def test_imported_results_survive_a_round_trip_through_csv(tmp_path):

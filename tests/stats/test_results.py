@@ -4,7 +4,7 @@ import polars as pl
 import pytest
 
 from robustflow.core.errors import DataError
-from robustflow.stats.model_result import Value, lines_of
+from robustflow.stats.lines import lines_of, number_of
 from robustflow.stats.results_file import parse_results, read_results, results_csv
 from tests.refusals import refusal
 
@@ -14,9 +14,9 @@ _HEAD = "setting,model,metric,corruption,value\n"
 def test_a_file_is_read_with_its_decimals(tmp_path):
     path = tmp_path / "r.csv"
     path.write_text("\ufeffmodel,setting,metric,corruption,value,marked,extra\n" + "A,OOD,epe,fog,1.250,yes,z\n")
-    (line,) = lines_of(read_results(path))
-    assert line.benchmark == "kitti-fc"
-    assert line.values == {("epe", "fog"): Value(1.25, decimals=3, marked=True)}
+    row = read_results(path).row(0, named=True)
+    known = ("benchmark", "measure", "condition", "severity", "value", "decimals", "marked")
+    assert [row[name] for name in known] == ["kitti-fc", "epe", "fog", None, 1.25, 3, True]
 
 
 @pytest.mark.parametrize(("written", "shown"), [("4.20", "4.20"), ("1.527602461899183", "1.53"), ("7", "7")])
@@ -24,10 +24,9 @@ def test_a_number_is_shown_as_it_was_printed_unless_it_was_never_rounded(tmp_pat
     path = tmp_path / "mine.csv"
     path.write_text(f"{_HEAD}OOD,Mine,rcre,fog,{written}\n")
     frame = read_results(path)
-    (line,) = lines_of(frame)
-    value = line.values["rcre", "fog"]
-    assert value.number == float(written)
-    assert value.text == shown
+    row = frame.row(0, named=True)
+    assert row["value"] == float(written)
+    assert number_of(row) == shown
     path.write_text(results_csv(frame))
     assert read_results(path).equals(frame)
 
@@ -36,9 +35,9 @@ def test_results_file_keeps_the_coverage_of_errors():
     head = _HEAD.replace("value", "value,coverage")
     frame = parse_results(f"{head}OOD,A,rcre,fog,1.00,0.625\nOOD,B,rcre,fog,1.00,\n", "mine.csv", "mine")
     again = parse_results(results_csv(frame), "mine.csv", "mine")
-    assert [line.coverage for line in (*lines_of(frame), *lines_of(again))] == [0.625, None, 0.625, None]
-    (mixed,) = lines_of(parse_results(f"{head}OOD,A,rcre,fog,1.00,\nOOD,A,rcre,snow,1.00,0.5\n", "mine.csv", "mine"))
-    assert mixed.coverage == 0.5
+    assert [line.coverage for of in (frame, again) for line in lines_of(of).values()] == [0.625, None, 0.625, None]
+    mixed = parse_results(f"{head}OOD,A,rcre,fog,1.00,\nOOD,A,rcre,snow,1.00,0.5\n", "mine.csv", "mine")
+    assert [line.coverage for line in lines_of(mixed).values()] == [0.5]
 
 
 @pytest.mark.parametrize("number", [0.0, 0.5, 12.0, 1e-5, 0.1 + 0.2, 1e8 + 0.125])

@@ -10,7 +10,7 @@ import pytest
 from robustflow.api import Result, evaluate
 from robustflow.cli.tables import print_result
 from robustflow.core.errors import UsageError
-from robustflow.corruptions.registry import IMAGE_PAIR, MEMBERS, PAPER_ORDER
+from robustflow.corruptions.registry import IMAGE_PAIR, PAPER_ORDER
 from robustflow.data.benchmarks import benchmark_facts, outside_remark
 from robustflow.data.datasets.split import KITTI_KEYS, kitti_split
 from robustflow.report.leaderboard import by_error
@@ -19,11 +19,12 @@ from robustflow.report.site import render_site
 from robustflow.report.site.content import whole_content
 from robustflow.report.site.figures import page_figures
 from robustflow.report.site.headline import headline_of
+from robustflow.report.table import run_frame
 from robustflow.report.tables import ROW, TABLES, figures_of, tables_of
 from robustflow.run.run import Run
-from robustflow.stats.model_result import ranked, run_results
+from robustflow.stats.lines import lines_of, ranked
+from robustflow.stats.notes import comparison_note
 from robustflow.stats.published.tables import published_frame
-from robustflow.stats.run_results import comparison_note
 from robustflow.testing import ZeroFlow
 from tests.made_rows import change_identity, made_run
 from tests.refusals import refusal
@@ -50,12 +51,10 @@ def runs(tmp_path_factory) -> list[Result]:
 
 
 def test_values_are_those_of_the_summary(runs):
-    for run, line in zip(runs, run_results(runs), strict=True):
-        found = {key: value.number for key, value in line.values.items() if key[1] not in MEMBERS}
-        assert found["epe", "clean"] == run.epe_clean
-        assert found["cre", "average"] == run.cre
-        assert found["rcre", "contrast"] == run.mean("rcre", "contrast")
-        assert len(found) == 1 + 4 * 3
+    for run, line in zip(runs, lines_of(run_frame(runs)).values(), strict=True):
+        assert line.number("epe", "clean") == run.epe_clean
+        assert line.number("cre", "average") == run.cre
+        assert line.number("rcre", "contrast") == run.mean("rcre", "contrast")
 
 
 def _table(runs, published=False):
@@ -104,8 +103,8 @@ def test_beside_published_rows_an_average_is_the_papers_where_all_of_its_corrupt
     content = whole_content([whole])
     board = next(board for board in content.boards if any(line.label == "DIS" for line in board.lines))
     assert f"{mean:.2f} px under 20 corruptions" in headline_of(content, board, {}).sentence
-    line = next(line for line in content.lines if line.name == "DIS" and line.note)
-    assert content.cells[line]["epe", "average"].text == f"{mean:.2f}"
+    line = next(line for key, line in content.lines.items() if key.model == "DIS" and line.is_run)
+    assert line.number("epe", "average") == mean
 
 
 def test_excluded_model_is_never_marked_best_and_a_footnote_gives_the_reason(runs):
@@ -123,12 +122,12 @@ def test_excluded_model_is_never_marked_best_and_a_footnote_gives_the_reason(run
     assert best["Useless"][0] == 0
     assert "0.03 px" in best["Useless"][1]
     assert best["Good"][0] > 0
-    assert {line.name for line in ranked(run_results([useless, good, bad]))} == {"Good", "Bad"}
+    assert {line.model for line in ranked(lines_of(run_frame([useless, good, bad])))} == {"Good", "Bad"}
     content = whole_content([useless, good, bad], published=False)
-    lines = {line.name: line for line in content.lines}
-    assert not any(cell.best for cell in content.cells[lines["Useless"]].values())
-    assert content.cells[lines["Good"]]["epe", "average"].best
-    assert lines["Useless"].excluded
+    cells = {line.label: line.cells for line in content.boards[0].lines}
+    assert not any(cell.best for cell in cells["Useless"])
+    assert any(cell.best for cell in cells["Good"])
+    assert next(line for key, line in content.lines.items() if key.model == "Useless").fact("excluded")
 
 
 def test_excluded_runs_are_in_no_trend_correlation_or_figure_and_a_remark_names_them(runs):
@@ -164,7 +163,7 @@ def test_excluded_runs_are_in_no_trend_correlation_or_figure_and_a_remark_names_
     trend = next(one for one in group.figures if one.title == "Effective robustness")
     assert {line.label for line in trend.numbers.lines} == set(models)
     assert "Useless" in trend.caption
-    assert [line.name for line in sorted(content.lines, key=by_error)][-1] == "Useless"
+    assert [key.model for key, _ in sorted(content.lines.items(), key=by_error)][-1] == "Useless"
 
 
 def test_coverage_is_a_column_where_a_model_left_out_pixels(runs):
@@ -175,8 +174,8 @@ def test_coverage_is_a_column_where_a_model_left_out_pixels(runs):
     with_gaps = made_run(runs[0], half, "DIS")
     cells, _ = _average(with_gaps, published=True)
     assert cells["Coverage"] == f"{with_gaps.mean('coverage'):.2f}" == "0.75"
-    (cells_of_line,) = whole_content([with_gaps], published=False).cells.values()
-    assert cells_of_line["coverage", ""].text == "0.75"
+    (board,) = whole_content([with_gaps], published=False).boards
+    assert dict(zip((c.label for c in board.columns), board.lines[0].cells, strict=True))["Coverage"].text == "0.75"
     for name in ("means", "uncoupled", "cost", "row"):
         (table,) = tables_of([with_gaps], published=False, wanted=[name])
         assert "75.0 %" in table.lines[0].note, name

@@ -12,7 +12,7 @@ from scipy.stats import rankdata, spearmanr
 
 from robustflow.metrics.measures import UNCOUPLED
 from robustflow.metrics.rows import CLEAN
-from robustflow.stats.frame import uncoupled_means
+from robustflow.stats.numbers import uncoupled_means
 from robustflow.stats.ranking import spearman
 
 from .simulated import PIXELS, SETTINGS, rows_of

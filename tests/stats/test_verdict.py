@@ -15,7 +15,7 @@ from robustflow.run.run import Run
 from robustflow.stats.estimate import OVERALL_SCOPES, contrast, cubes_of
 from robustflow.stats.exclusion import exclusions
 from robustflow.stats.paired import better_of, is_sure
-from robustflow.stats.verdict import verdict_of
+from robustflow.stats.verdict import compared, verdict_of
 
 from .simulated import PIXELS, rows_of
 
@@ -102,7 +102,7 @@ REASONS = {"constant": MISSES, "untrained": MISSES, "outliers of 1e5": OUTLIERS,
 @pytest.mark.parametrize("name", ADVERSARIES)
 def test_no_adversary_leads_over_dis_or_is_called_better(runs, name):
     rows = {model: runs[model].rows for model in ("DIS", name)}
-    verdict = verdict_of(rows)
+    verdict = verdict_of(compared(rows))
     if name == "abstains":
         assert runs[name].epe < runs["DIS"].epe
         assert (verdict.kind, set(verdict.names)) == ("not decided", {"DIS", name})
@@ -129,7 +129,7 @@ def _blind(rows: pl.DataFrame) -> pl.DataFrame:
 def test_without_ground_truth_the_lowest_rcre_alone_crowns_nobody(runs, name):
     rows = {model: _blind(runs[model].rows) for model in ("DIS", name)}
     assert runs[name].rcre < runs["DIS"].rcre
-    verdict = verdict_of(rows)
+    verdict = verdict_of(compared(rows))
     assert verdict.measures == ("rcre", "photometric")
     assert (verdict.kind, verdict.names) == ("not decided", (name, "DIS"))
     assert any("grey levels" in remark for remark in verdict.remarks)
@@ -151,8 +151,8 @@ CASES = {
     "lower on both": ({"a": A, "b": B}, "leads", ("a",)),
     "better on the clean frames": ({"a": A, "b": B, "c": C}, "trade-off", ("a", "c")),
     "equal": ({"a": A, "b": B, "d": A}, "not decided", ("a", "d")),
-    "one": ({"a": A}, "only one", ("a",)),
-    "none": ({}, "nothing", ()),
+    "one": ({"a": A}, "not tested", ()),
+    "none": ({}, "not tested", ()),
     "no difference that can be seen": ({"a": _model(2e-4, 4e-4), "b": _model(2e-4, 8e-4)}, "not decided", ("a", "b")),
     "five images": (
         {name: rows.filter(pl.col("sample") < "00005") for name, rows in (("a", A), ("b", B))},
@@ -166,7 +166,7 @@ CASES = {
 
 @pytest.mark.parametrize(("rows", "kind", "names"), CASES.values(), ids=CASES)
 def test_who_leads(rows, kind, names):
-    verdict = verdict_of(rows)
+    verdict = verdict_of(compared(rows))
     assert (verdict.kind, verdict.names) == (kind, names)
     assert bool(verdict.sentence) == (len(rows) > 1)
 
@@ -180,4 +180,4 @@ def _blown_up(corrupted: bool) -> pl.DataFrame:
 
 @pytest.mark.parametrize("corrupted", [True, False])
 def test_blow_ups_under_corruption_are_named_beside_a_tie(corrupted):
-    assert len(verdict_of({"a": A, "d": _blown_up(corrupted)}).remarks) == corrupted
+    assert len(verdict_of(compared({"a": A, "d": _blown_up(corrupted)})).remarks) == corrupted

@@ -40,12 +40,18 @@ def compare(
     """
     from ..metrics.cube import AVERAGE
     from ..metrics.measures import MEASURES
-    from ..report.comparison import BESIDE_RCRE, pairs_table, power_table, ranked_in_settings, variance_table
+    from ..report.comparison import (
+        BESIDE_RCRE,
+        pairs_table,
+        power_table,
+        ranked_in_settings,
+        unranked_words,
+        variance_table,
+    )
     from ..report.comparison import compare as compare_two
     from ..run.comparable import common_to, named_runs
     from ..run.records.pack import load_any_run
     from ..stats.estimate import contrast, cubes_of
-    from ..stats.model_result import not_ranked, run_results
     from ..stats.power import plan_pairs
     from ..stats.seeds import seeds_of
     from ..stats.variance import variance_split
@@ -75,16 +81,16 @@ def compare(
         frame = comparison.frame if metric is None else comparison.of(metric)
         tables.append(comparison.table(metric or ""))
     else:
-        lines = run_results(loaded)
-        common = common_to(dict(zip((line.name for line in lines), loaded, strict=True)))
+        named = named_runs(loaded)
+        common = common_to(named)
         if any(run.mean(chosen) is None for run in loaded):
             raise RunError("--metric", f"not all of these runs have an average of {chosen}; choose a different one")
         measures = {chosen: MEASURES[chosen]} | (BESIDE_RCRE if chosen == "rcre" else {})
         frame = contrast(cubes_of(common.rows), measures, [(AVERAGE, None)])
-        ranking, verdicts = ranked_in_settings(lines, common.rows, chosen)
+        ranking, verdicts = ranked_in_settings(named, common.rows, chosen)
         tables += [] if format == "csv" else ranking  # a CSV file contains a single table
-        unranked = [f"Not ranked: {reason}." for reason in not_ranked(lines)]
-        tables.append(pairs_table(frame, " ".join(filter(None, [common.remark, *verdicts, *unranked]))))
+        remarks = filter(None, [common.remark, *verdicts, unranked_words(named)])
+        tables.append(pairs_table(frame, " ".join(remarks)))
     if given["as_json"]:
         text = frame.write_json() + "\n"
     else:

@@ -38,7 +38,8 @@ def report(
     metric: Annotated[
         str | None,
         Option(
-            help="Print only epe, cre, crer, rcre, rcre_all, fl, px1, px3, px5, wauc, photometric, coverage or spread; "
+            help="Print only, or also show on the page: epe, cre, crer, rcre, rcre_all, fl, px1, px3, px5, wauc, "
+            "photometric, coverage or spread; "
             "less dependent on accuracy: log_ratio, median_log_ratio, median_cre, fl_increase.",
         ),
     ] = None,
@@ -81,7 +82,7 @@ def report(
     from ..report.render.latex import only_lines
     from ..report.tables import ROW, figures_of, tables_of
     from ..run.records.pack import load_any_run, with_runs_inside
-    from .tables import as_text, write_text
+    from .tables import as_text, check_metric, write_text
 
     format, output = given["format"], given["output"]
     if examples or sample is not None:
@@ -102,15 +103,17 @@ def report(
         raise UsageError("--table", f"{ROW} prints a line of LaTeX per run: omit other tables and formats")
     if format == PAGE:
         refuse_unused(context, {"table"}, "with --format page, which has all tables")
+    if metric is not None:
+        check_metric(metric)
     loaded = [load_any_run(run) for run in with_runs_inside(runs or [])]
     if not (published or table or figures or output or format != "terminal"):
         _print_runs(loaded, metric, given["as_json"])
         return
-    refuse_unused(context, _PRINTING, "with tables and figures")
+    refuse_unused(context, ("as_json",) if format == PAGE else _PRINTING, "with tables and figures")
     if format == PAGE:
         from ..report.site import render_site, whole_content
 
-        text = render_site(whole_content(loaded, published=published))
+        text = render_site(whole_content(loaded, published=published, asked=metric or ""))
     else:
         tables = tables_of(loaded, published=published, wanted=wanted)
         text = "\n".join(as_text(made_table, format, output) for made_table in tables)
@@ -128,13 +131,13 @@ def _print_runs(runs: "Sequence[Run]", metric: str | None, as_json: bool) -> Non
     from ..report.site.page import write_report
     from .tables import as_json_text, print_result, print_results
 
-    current = set()
+    current, asked = set(), metric or ""
     for run in runs:
         if run.record:
             continue
         try:
             run.write_means()
-            write_report(run)
+            write_report(run, asked=asked)
             current.add(run)
         except DataError as error:
             warnings.warn(f"the summary and the report were not updated: {error}", stacklevel=1)

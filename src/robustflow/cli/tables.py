@@ -8,6 +8,7 @@ import shutil
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 from ..core.errors import UsageError, unknown_name
 from ..core.files import write_bytes
@@ -21,15 +22,16 @@ from ..report.attack_tables import SHORT, attack_table
 from ..report.render import render, renderer
 from ..report.render.terminal import render as render_terminal
 from ..report.run_tables import confidence_table, corruptions_table, runs_table, severities_table
-from ..report.table import Table, interval_text, number_text
+from ..report.table import Table, Wanted, interval_text, number_text
 from ..run.manifest import UNEVEN, left_out_sentence
 from ..run.run import Run
-from ..stats.attacks import attack_scores
 from ..stats.exclusion import CAVEAT, PHANTOM, enough_to_compare, exclusion_reasons, without_truth
+from ..stats.frame import KINDS, results_frame
 from ..stats.intervals import interval_ends
-from ..stats.model_result import run_results
+from ..stats.lines import lines_of
+from ..stats.notes import estimate_of
+from ..stats.numbers import confidence_of
 from ..stats.results import LABELS, benchmark_words
-from ..stats.run_results import estimate_of
 from ..stats.seeds import seed_groups, seeds_of
 
 MOST_LINES = 40
@@ -44,25 +46,37 @@ def as_json_text(results: Sequence[Run]) -> str:
             "benchmark": run.benchmark,
             "folder": str(run.path),
             "summary": run.document(),
-            **({"attacks": attack_scores(run)} if run.attacks else {}),
+            **({"attacks": _attacks(run)} if run.attacks else {}),
         }
         for run in results
     ]
     return json.dumps(facts, indent=2)
 
 
+def _attacks(run: Run) -> list[dict[str, Any]]:
+    """Return the numbers of attacks, a row of the results frame each."""
+    columns = ("measure", "condition", "severity", "value", "low", "high", "pairs")
+    return results_frame([run], ["attacks"]).select(columns).to_dicts()
+
+
+def check_metric(metric: str) -> None:
+    """Reject an unknown metric before reading anything."""
+    if metric not in (*METRICS, *UNCOUPLED, "all"):
+        raise unknown_name("metric", metric, (*METRICS, *UNCOUPLED, "all"))
+
+
 def print_result(result: Run, metric: str = "all", *, report: bool = True, with_seed: bool = False) -> None:
     """Print the means of a run by corruption, or one metric by severity, and facts about the run. With `report`, also
     print the path of the report page; with `with_seed`, print the seed even if it is 0."""
-    if metric != "all" and metric not in (*METRICS, *UNCOUPLED):
-        raise unknown_name("metric", metric, (*METRICS, *UNCOUPLED, "all"))
+    check_metric(metric)
     pairs = f"{counted(result.measured.samples, sample_noun(result.benchmark))} of {benchmark_words(result.benchmark)}"
     heading = f"{_heading(result, with_seed)} on {pairs}"
+    (numbers,) = lines_of(results_frame([result], KINDS, intervals=False)).values()
     if metric != "all":
-        tables = [severities_table(result, metric, f"{heading}, {metric}")]
+        tables = [severities_table(numbers, metric, f"{heading}, {metric}")]
     else:
-        attacked, confidence = attack_table(result, SHORT), confidence_table(result)
-        tables = [corruptions_table(result, heading)]
+        attacked, confidence = attack_table(numbers, columns=SHORT), confidence_table(numbers, confidence_of(result))
+        tables = [corruptions_table(numbers, heading)]
         tables = [] if attacked and not result.measured.corruptions else tables
         tables += [replace(attacked, remarks=())] if attacked else []
         tables += [replace(confidence, sections=confidence.sections[:1], remarks=())] if confidence else []
@@ -82,7 +96,7 @@ def print_results(results: Sequence[Run]) -> None:
         folders = " ".join(shlex.quote(str(run.path)) for run in results)
         question = "How much depends on the seed?" if groups else "Is the difference real?"
         facts.append(f"{question} robustflow compare {folders}")
-    lines = for_stdout(runs_table(run_results(results), groups)).splitlines()
+    lines = for_stdout(runs_table(Wanted(results, False).of_runs("row", seeds=True))).splitlines()
     _print_lines(lines, facts, "--table means prints all")
 
 
@@ -153,7 +167,7 @@ def _means(run: Run, condition: str) -> str:
 
 
 def _interval(run: Run, metric: str, condition: str) -> str:
-    return f" {interval_text(interval_ends(run, corruptions=False).get((metric, condition)))}".rstrip()
+    return f" {interval_text(interval_ends(run, corruptions=False).get((metric, condition, None)))}".rstrip()
 
 
 def _heading(result: Run, with_seed: bool) -> str:

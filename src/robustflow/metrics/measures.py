@@ -179,7 +179,9 @@ MEASURES: dict[str, Measure] = {
     "px3": _percent("> 3 px", pl.col("px3_count"), _valid, "Error > 3 px"),
     "px5": _percent("> 5 px", pl.col("px5_count"), _valid, "Error > 5 px"),
     "wauc": _percent("WAUC", pl.col("wauc_sum"), _valid, "Weighted area under the inlier curve", better=1),
-    "photometric": Average("photometric error", total=pl.col("photometric_sum"), **_grey),
+    "photometric": Average(
+        "photometric error", explanation="Photometric error", total=pl.col("photometric_sum"), **_grey
+    ),
     "coverage": Average(
         "coverage",
         "",
@@ -199,8 +201,19 @@ METRICS = tuple(MEASURES)
 """The measure of which the best value may be marked."""
 
 CLEAN_MEASURES: dict[str, Average] = {
-    "flow_length": Average("clean flow length", better=0, total=pl.col("pred_magnitude_sum"), count=_all),
-    "photometric_still": Average("photometric error of zero flow", total=pl.col("photometric_still_sum"), **_grey),
+    "flow_length": Average(
+        "clean flow length",
+        better=0,
+        explanation="Mean length of the flow",
+        total=pl.col("pred_magnitude_sum"),
+        count=_all,
+    ),
+    "photometric_still": Average(
+        "photometric error of zero flow",
+        explanation="Photometric error of a flow that is zero",
+        total=pl.col("photometric_still_sum"),
+        **_grey,
+    ),
     "zero_flow_epe": Average("EPE of zero flow", better=0, total=pl.col("magnitude_sum"), count=_valid),
 }
 """Measures of the clean frames alone."""

@@ -15,7 +15,7 @@ from typing import Literal
 from ..corruptions.registry import PAPER_ORDER
 from ..data.benchmarks import benchmark_facts
 from ..report.table import DASH
-from ..stats.model_result import ModelResult
+from ..stats.lines import Lines
 from ..stats.published.tables import Method, cost_ranks, method_of, not_discussed
 from ..stats.results import AVERAGE, CLEAN, family_crer
 from .margin import Margin, Verdict, joint
@@ -29,18 +29,21 @@ Part = Literal["main", "also", "added"]
 class Evidence:
     """The paper's results, by model."""
 
-    def __init__(self, results: Sequence[ModelResult]) -> None:
-        self.cost_ranks = cost_ranks(results)
-        self._without = not_discussed(results)
+    def __init__(self, lines: Lines) -> None:
+        self.cost_ranks = cost_ranks(lines)
+        self._without = not_discussed(lines)
         self._epe: dict[ModelInSetting, dict[str, float]] = {}
         self.rcre: dict[ModelInSetting, dict[str, float]] = {}
         self._cre: dict[ModelInSetting, Mapping[str, float]] = {}
-        for line in results:
-            model = line.setting, line.name
-            if benchmark_facts(line.benchmark).has_flow:
-                self._epe[model], self._cre[model] = line.numbers("epe"), line.cre
+        for key, numbers in lines.items():
+            model, has_flow = (key.setting, key.model), benchmark_facts(key.benchmark).has_flow
+            metric = "epe" if has_flow else "rcre"
+            values = {of: number for of in (CLEAN, AVERAGE) if (number := numbers.number(metric, of)) is not None}
+            values |= numbers.by_corruption(metric)
+            if has_flow:
+                self._epe[model], self._cre[model] = values, numbers.changes()
             else:
-                self.rcre[model] = line.numbers("rcre")
+                self.rcre[model] = values
         self.entries = list(self._epe)
         self.settings = [name for name in dict.fromkeys(setting for setting, _ in self.entries) if name != "knowledge"]
         self.corruptions = [name for name in PAPER_ORDER if name in self._epe[self.entries[0]]]

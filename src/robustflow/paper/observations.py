@@ -7,8 +7,8 @@ from statistics import fmean, median
 
 from ..corruptions.registry import FAMILIES
 from ..report.table import Column, Table
-from ..stats.model_result import ModelResult
-from ..stats.published.tables import published_results
+from ..stats.lines import Lines
+from ..stats.published.tables import published_lines
 from ..stats.ranking import spearman
 from ..stats.results import AVERAGE
 from .evidence import Evidence, ModelInSetting, Observation, Part, Statement
@@ -24,9 +24,9 @@ _REMARKS = (
 )
 
 
-def observations(results: Sequence[ModelResult]) -> list[Observation]:
-    """Check the paper's observations against its results (`published_results`)."""
-    evidence = Evidence(results)
+def observations(lines: Lines) -> list[Observation]:
+    """Check the paper's observations against its results (`published_lines`)."""
+    evidence = Evidence(lines)
     return [
         Observation(number, title, list(observe(evidence)))
         for number, (title, observe) in enumerate(_OBSERVATIONS.items(), 1)
@@ -38,7 +38,7 @@ def observations_table() -> Table:
     columns = [Column(label, prose=True) for label in ("Claim", "As printed", "Generalises")]
     rows = {
         observation.heading: [(part.part, part.texts) for part in observation.parts]
-        for observation in observations(published_results())
+        for observation in observations(published_lines())
     }
     return Table.of("observations", "The paper's observations", columns, rows, _REMARKS, row_header="Part")
 

@@ -21,7 +21,7 @@ from ..models.networks.loaders import NETWORKS
 from ..models.provenance import training_of_entry
 from ..models.torch.build import RANDOM
 from ..report.table import Column, Row, Table
-from ..stats.published.tables import published_results
+from ..stats.published.tables import published_lines
 from ..stats.results import SETTING_LABELS
 from ..training.recipe import recipes_of, trained_methods
 
@@ -142,9 +142,9 @@ class Variant:
 
 def paper_variants(benchmark: str, wanted: Sequence[str] | None = None) -> list[Variant]:
     """Return the variants with published values on a benchmark, in the paper's order."""
-    lines = [line for line in published_results() if line.benchmark == benchmark]
+    lines = [line for line in published_lines() if line.benchmark == benchmark]
     names = {entry.method: name for name, entry in methods().items()} | _RUN_AS
-    every = [Variant(line.name, line.setting, names[line.name]) for line in lines]
+    every = [Variant(line.model, line.setting, names[line.model]) for line in lines]
     if wanted is None:
         return every
     chosen: dict[str, str] = {}

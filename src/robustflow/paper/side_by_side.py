@@ -13,10 +13,12 @@ from ..corruptions.registry import FAMILIES
 from ..data.benchmarks import benchmark_facts
 from ..metrics.error_maps import crer
 from ..metrics.measures import exact_mean
-from ..report.table import Column, Row, Table
+from ..report.table import Column, Row, Table, run_frame
 from ..run.run import Run
-from ..stats.model_result import CRER, ModelResult, run_results
-from ..stats.published.tables import published_results
+from ..stats.frame import DERIVED
+from ..stats.lines import Numbers, lines_of
+from ..stats.notes import comparison_note
+from ..stats.published.tables import published_lines
 from ..stats.results import (
     AVERAGE,
     CLEAN,
@@ -30,7 +32,6 @@ from ..stats.results import (
     mean_label,
     short_label,
 )
-from ..stats.run_results import comparison_note
 from .plan import Artefact, Runnable, Variant
 
 MetricValues = Mapping[tuple[str, str], float]
@@ -51,7 +52,8 @@ class SideBySide:
 def run_beside_paper(artefact: Artefact, runnable: Runnable, run: Run) -> SideBySide:
     """Compare a variant's run with the published values over the same corruptions."""
     measured = [name for name in run.measured.corruptions if name in _in_paper(artefact)]
-    here = _values_over(run_results([run], beside_published=True)[0], measured)
+    (numbers,) = lines_of(run_frame([run], beside_published=True)).values()
+    here = _values_over(numbers, measured)
     levels = run.manifest.severities
     differs = run.setting not in (runnable.variant.setting, "untrained")
     notes = (
@@ -76,24 +78,28 @@ def _in_paper(artefact: Artefact) -> tuple[str, ...]:
 
 def _published(artefact: Artefact, variant: Variant, measured: Sequence[str]) -> MetricValues:
     of_variant = (artefact.benchmark, variant.setting, variant.method)
-    line = next(line for line in published_results() if (line.benchmark, line.setting, line.name) == of_variant)
-    printed = {key: v.number for key, v in line.values.items() if key[1] == AVERAGE and not v.derived}
-    if artefact.columns == "crer" and CRER not in printed:
+    lines = published_lines().items()
+    numbers = next(numbers for key, numbers in lines if (key.benchmark, key.setting, key.model) == of_variant)
+    averages = {key: row for key, row in numbers.items() if key[1] == AVERAGE and row["origin"] != DERIVED}
+    printed = {(measure, of): row["value"] for (measure, of, _), row in averages.items()}
+    if artefact.columns == "crer" and ("crer", AVERAGE) not in printed:
         return {}  # Tab. 3 does not contain the method
-    values = _values_over(line, measured)
+    values = _values_over(numbers, measured)
     return values if len(measured) < len(_in_paper(artefact)) else {**values, **printed}
 
 
-def _values_over(line: ModelResult, corruptions: Sequence[str]) -> MetricValues:
+def _values_over(numbers: Numbers, corruptions: Sequence[str]) -> MetricValues:
     """Return the values on the clean frames and under some corruptions, with the averages over these corruptions, and
     the CREr of each family as ("crer", FAMILY)."""
-    values = {key: value.number for key, value in line.values.items() if key[1] in (CLEAN, *corruptions)}
+    known = {key: row["value"] for key, row in numbers.items() if key[0] in RESULT_METRICS}
+    values = {(m, of): value for (m, of, at), value in known.items() if at is None and of in (CLEAN, *corruptions)}
     for metric in RESULT_METRICS:
         if of_these := [values[metric, name] for name in corruptions if (metric, name) in values]:
             values[metric, AVERAGE] = exact_mean(of_these)
-    cre, clean = {name: line.cre[name] for name in corruptions if name in line.cre}, values.get(("epe", CLEAN))
+    changes, clean = numbers.changes(), values.get(("epe", CLEAN))
+    cre = {name: changes[name] for name in corruptions if name in changes}
     if (ratio := crer(exact_mean([*cre.values()]) if cre else None, clean)) is not None:
-        values[CRER] = ratio
+        values["crer", AVERAGE] = ratio
     return values | {("crer", family): value for family, value in family_crer(cre, clean).items()}
 
 

@@ -2,51 +2,40 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Iterator, Sequence
+from typing import NamedTuple
 
+from ..attacks.registry import attack_spec
 from ..attacks.result import EXPLAINED
 from ..core.errors import RunError, UsageError
-from ..core.text import joined, plain
+from ..core.text import counted, joined, plain
+from ..metrics.measures import LEADING
 from ..run.comparable import named_runs
 from ..run.run import Run
-from ..stats.attacks import (
-    AttackScore,
-    CurvePoint,
-    Prediction,
-    attack_scores,
-    budget_at_double,
-    predictions,
-    security_curves,
-)
-from ..stats.results import LABELS
-from .run_tables import few_note, signed
-from .table import Column, Row, Table, Wanted, differences_remark
+from ..stats.attacks import Prediction, budget_at_double, predictions, warnings_of
+from ..stats.frame import results_frame
+from ..stats.lines import Numbers, lines_of
+from ..stats.ranking import LEAST_MODELS
+from ..stats.results import CLEAN, LABELS, metric_label
+from .table import Column, Row, Table, Wanted, condition_rows, differences_remark, number_text
 
-_COLUMNS = {
-    "budget": Column("budget", "{:g}"),
-    "epe": Column("EPE (px)"),
-    "cre": Column("CRE (px)"),
-    "crer": Column("CREr"),
-    "rcre": Column("RCRE (px)"),
-    "px1": Column("> 1 px (%)"),
-    "px3": Column("> 3 px (%)"),
-    "px5": Column("> 5 px (%)"),
-    "fl": Column("Fl (%)"),
-    "median": Column("median (px)"),
-    "capped": Column("capped (px)"),
-    "gain": Column("gain (px)"),
-    "way_gone": Column("target progress (%)"),
-    "late_gain": Column("last quarter"),
-    "start_spread": Column("start spread"),
-    "linf": Column("L-inf", "{:.4g}"),
-    "rms": Column("RMS", "{:.4g}"),
-    "evaluations": Column("flows", "{:.0f}"),
-    "seconds": Column("time (s)"),
-}
-"""Number of an attack -> its column."""
-SHORT = ("budget", "epe", "cre", "rcre", "gain")
-"""Numbers that the terminal shows of a run."""
+_COLUMNS = (
+    Column("budget", "{:g}", key=("attack_budget", None)),
+    *(
+        Column(metric_label(name), key=(name, None))
+        for name in ("epe", "cre", "crer", "rcre", "px1", "px3", "px5", "fl", "attack_median", "attack_capped")
+    ),
+    Column("gain (px)", key=("attack_gain", None)),
+    Column(metric_label("attack_way_gone"), key=("attack_way_gone", None)),
+    Column("last quarter", key=("attack_late_gain", None)),
+    Column("start spread", key=("attack_start_spread", None)),
+    Column("L-inf", "{:.4g}", key=("attack_linf", None)),
+    Column("RMS", "{:.4g}", key=("attack_rms", None)),
+    Column("flows", "{:.0f}", key=("attack_evaluations", None)),
+    Column("time (s)", key=("attack_seconds", None)),
+)
+SHORT = [column for column in _COLUMNS if column.key[0] in ("attack_budget", "epe", "cre", "rcre", "attack_gain")]
+"""Columns that the terminal shows of a run."""
 _NORMS = {"linf": "L-inf", "rms": "RMS", "area": "Area, % of the pixels"}
 _REMARK = (
     "Adversarial attacks, not included in any mean over corruptions. Budgets are in grey levels (0 to 255) and apply "
@@ -66,24 +55,73 @@ _WARNED = "at least one pair has a warning; see the table of attacks"
 PREDICTION = "Does robustness to corruptions predict robustness to attacks?"
 
 
+class CurvePoint(NamedTuple):
+    """The error of a model at one budget of one attack."""
+
+    attack: str
+    norm: str
+    budget: float
+    metric: str
+    error: float
+    low: float | None
+    high: float | None
+    warned: bool
+
+
+def security_points(numbers: Numbers) -> list[CurvePoint]:
+    """Return each attack's curve over all budgets, starting with the clean frames."""
+    metric = _error(numbers)
+    # The distance from the clean flow is 0 on the clean frames for any model.
+    clean = numbers.get((metric, CLEAN, None), {"value": 0.0, "low": None, "high": None})
+    points = []
+    for attack, levels in attacks_of(numbers).items():
+        curve = [(0.0, clean, False)]
+        for at in levels:
+            if (row := numbers.get((metric, attack, at))) is not None:
+                budget = numbers["attack_budget", attack, at]["value"]
+                curve.append((budget, row, bool(warnings_of(numbers.means, attack, at))))
+        for budget, row, warned in sorted(curve, key=lambda point: point[0]):
+            ends = row["low"], row["high"]
+            points.append(CurvePoint(attack, attack_spec(attack).norm, budget, metric, row["value"], *ends, warned))
+    return points
+
+
+def attacks_of(numbers: Numbers) -> dict[str, list[int]]:
+    """Return the severities of each attack of a line, in the order of the run."""
+    levels: dict[str, list[int]] = {}
+    for measure, attack, severity in numbers:
+        if measure == "attack_budget" and severity is not None:
+            levels.setdefault(attack, []).append(severity)
+    return levels
+
+
+def _error(numbers: Numbers) -> str:
+    attacks = attacks_of(numbers)
+    return LEADING if any(of in attacks for measure, of, _ in numbers if measure == LEADING) else "rcre"
+
+
 def attacks(wanted: Wanted) -> list[Table]:
     """Return a table for each run with attacks."""
-    each = [(title, attack_table(run)) for title, run in named_runs(wanted.runs).items()]
-    return _made("attacks", [replace(table, title=f"Attacks on {plain(title)}") for title, table in each if table])
+    tables = (attack_table(numbers, plain(name)) for name, numbers in _attacked(wanted.runs).items())
+    return _made("attacks", [table for table in tables if table])
 
 
 def security(wanted: Wanted) -> list[Table]:
     """Tabulate the security curves of runs, one section per run."""
-    named = named_runs(wanted.runs)
     try:
-        sections = {plain(name): map(_curve_row, security_curves(run)) for name, run in named.items()}
+        sections = {plain(name): map(_curve_row, security_points(n)) for name, n in _attacked(wanted.runs).items()}
     except RunError as error:
         raise UsageError(str(error)) from error
     columns: list[str | Column] = ["norm", Column("budget", "{:g}"), "metric"]
     columns += [Column(label, "{:.3f}") for label in ("error (px)", "low", "high")]
-    remarks = (_CURVES, differences_remark(named))
+    remarks = (_CURVES, differences_remark(named_runs(wanted.runs)))
     table = Table.of("security", "Security curves", columns, sections, remarks, "Attack, budget")
     return _made("security", [table] if table.lines else [])
+
+
+def _attacked(runs: Sequence[Run]) -> dict[str, Numbers]:
+    frame = results_frame(runs, ("means", "attacks"), detailed=False)
+    return {key.model: numbers for key, numbers in lines_of(frame).items()}
 
 
 def corruptions_and_attacks(wanted: Wanted) -> list[Table]:
@@ -102,30 +140,34 @@ def _made(name: str, tables: list[Table]) -> list[Table]:
     return tables
 
 
-def attack_table(run: Run, shown: Sequence[str] = tuple(_COLUMNS)) -> Table | None:
+def attack_table(numbers: Numbers, model: str = "", columns: Sequence[Column] = _COLUMNS) -> Table | None:
     """Tabulate every attack of a run at every severity; return None if the run has no attacks. Warnings are shown as
     notes on their rows. No value is marked as best."""
-    scores = attack_scores(run)
-    if not scores:
+    cells = {f"{attack} {at}": (attack, at) for attack, levels in attacks_of(numbers).items() for at in levels}
+    if not cells:
         return None
-    sections = {title: [_row(one, shown) for one in scores if one["norm"] == norm] for norm, title in _NORMS.items()}
-    remarks = (_REMARK, _doubled(scores, run.epe_clean))
-    return Table.of("attacks", "Attacks", [_COLUMNS[name] for name in shown], sections, remarks, "Attack, severity")
+    made = condition_rows(numbers, columns, cells)
+    rows = [row._replace(note=_warnings(numbers, *cells[row.label])) for row in made]
+    sections = {
+        title: [row for row in rows if attack_spec(cells[row.label][0]).norm == norm] for norm, title in _NORMS.items()
+    }
+    title = f"Attacks on {model}" if model else "Attacks"
+    return Table.of("attacks", title, columns, sections, (_REMARK, _doubled(numbers)), "Attack, severity")
 
 
-def _row(score: AttackScore, shown: Sequence[str]) -> Row:
-    warnings = score["warnings"].items()
-    note = "; ".join(f"{EXPLAINED.get(key, key)} ({count} of {score['samples']} pairs)" for key, count in warnings)
-    return Row(f"{score['attack']} {score['severity']}", [score[name] for name in shown], note)
+def _warnings(numbers: Numbers, attack: str, severity: int) -> str:
+    pairs = numbers["attack_budget", attack, severity]["pairs"]
+    warnings = warnings_of(numbers.means, attack, severity)
+    return "; ".join(f"{EXPLAINED.get(key, key)} ({count} of {pairs} pairs)" for key, count in warnings.items())
 
 
-def _doubled(scores: Sequence[AttackScore], clean: float | None) -> str:
+def _doubled(numbers: Numbers) -> str:
     """Return the remark with the budget at which each attack doubles the error."""
-    norms = {score["attack"]: score["norm"] for score in scores}
-    known = {name: budget_at_double(scores, name, clean) for name in norms}
+    clean = numbers.number(LEADING, CLEAN)
+    known = {attack: budget_at_double(numbers.means, attack, clean) for attack in attacks_of(numbers)}
     each = [
-        f"{name} {budget:.2g}{' %' if norms[name] == 'area' else ''}"
-        for name, budget in known.items()
+        f"{attack} {budget:.2g}{' %' if attack_spec(attack).norm == 'area' else ''}"
+        for attack, budget in known.items()
         if budget is not None
     ]
     return f"The clean error doubles at (grey levels or % of the pixels): {', '.join(each)}." if each else ""
@@ -156,9 +198,16 @@ def prediction_table(runs: Sequence[Run]) -> Table | None:
 
 
 def _prediction_row(one: Prediction) -> Row:
-    notes = [few_note(len(one.models)), *(f"without {plain(name)}: {why}" for name, why in one.left_out.items())]
-    if one.lower_bounds:
-        notes.append(f"a lower bound for {joined(list(map(plain, one.lower_bounds)))}: see the warnings of each run")
+    notes = list(_prediction_notes(one))
     levels = ", ".join(map(str, one.severities))
-    values = (levels, str(len(one.models)), *signed(one.rho, one.interval))
-    return Row(one.attack, values, "; ".join(filter(None, notes)))
+    ends = one.interval or (None, None)
+    correlation = (number_text(value, "{:+.2f}") for value in (one.rho, *ends))
+    return Row(one.attack, (levels, str(len(one.models)), *correlation), "; ".join(notes))
+
+
+def _prediction_notes(one: Prediction) -> Iterator[str]:
+    if len(one.models) < LEAST_MODELS:
+        yield f"{counted(len(one.models), 'model')}: fewer than the {LEAST_MODELS} of a correlation"
+    yield from (f"without {plain(name)}: {why}" for name, why in one.left_out.items())
+    if one.lower_bounds:
+        yield f"a lower bound for {joined(list(map(plain, one.lower_bounds)))}: see the warnings of each run"

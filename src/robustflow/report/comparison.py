@@ -3,7 +3,7 @@ ranking with ties, the spread over seeds, and the pairs required for a compariso
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -19,10 +19,10 @@ from ..run.comparable import common_to, named_runs
 from ..run.records.pack import load_any_run
 from ..run.run import Run
 from ..stats.estimate import HEADLINE, contrast, cubes_of
-from ..stats.model_result import ModelResult, not_ranked, run_results
+from ..stats.exclusion import exclusions, not_ranked
 from ..stats.paired import difference_sentence, is_sure, p_text, standings
 from ..stats.results import AVERAGE, CLEAN, long_label, mean_label, metric_label
-from ..stats.verdict import WITHOUT_TRUTH, verdict_of
+from ..stats.verdict import WITHOUT_TRUTH, compared, verdict_of
 from .render import render
 from .table import Column, Row, Table, TableCell
 
@@ -154,11 +154,10 @@ def compare(first: AnyRun, second: AnyRun) -> Comparison:
     [0.0]
     """
     runs = [_open_run(first), _open_run(second)]
-    common = common_to(named_runs(runs))
-    lines = run_results(runs)
-    unranked = [f"Not ranked: {reason}." for reason in not_ranked(lines)]
-    unranked.append(setting_words({line.name: line.setting for line in lines}))
-    return Comparison(cubes_of(common.rows), " ".join(filter(None, (common.remark, *unranked))))
+    named = named_runs(runs)
+    common = common_to(named)
+    remarks = (common.remark, unranked_words(named), setting_words(named))
+    return Comparison(cubes_of(common.rows), " ".join(filter(None, remarks)))
 
 
 def _open_run(run: AnyRun) -> Run:
@@ -215,30 +214,39 @@ def _row(label: str, row: dict[str, Any], blow_ups: bool) -> Row:
 
 
 def ranked_in_settings(
-    lines: Sequence[ModelResult], rows: Mapping[str, pl.DataFrame], metric: str
+    runs: Mapping[str, Run], rows: Mapping[str, pl.DataFrame], metric: str
 ) -> tuple[list[Table], list[str]]:
     """Return the ranking of each setting by a metric that ranks, and the verdicts in words.
 
     Args:
-        lines: the results of several runs.
-        rows: their comparable rows, by the names of the lines.
+        runs: several runs by name.
+        rows: their comparable rows.
     """
-    tables, words = [], [setting_words({line.name: line.setting for line in lines})]
+    tables, words = [], [setting_words(runs)]
     of_setting: dict[str, dict[str, pl.DataFrame]] = {}
-    for line in lines:
-        if not line.excluded:
-            of_setting.setdefault(line.setting, {})[line.name] = rows[line.name]
+    for (name, run), reason in zip(runs.items(), exclusions(list(runs.values())), strict=True):
+        if not reason:
+            of_setting.setdefault(run.setting, {})[name] = rows[name]
     for setting, ranked in of_setting.items():
-        if sentence := verdict_of(ranked).sentence:
+        if len(ranked) < 2:
+            continue
+        if sentence := verdict_of(compared(ranked)).sentence:
             words.append(f"{plain(setting)}: {sentence}")
-        if len(ranked) > 1 and MEASURES[metric].verdict != "explains":
+        if MEASURES[metric].verdict != "explains":
             tests = contrast(cubes_of(ranked), {metric: MEASURES[metric]}, [(AVERAGE, None)])
             tables.append(standings_table(standings(tests, list(ranked)), metric, setting))
     return tables, words
 
 
-def setting_words(settings: Mapping[str, str]) -> str:
+def unranked_words(runs: Mapping[str, Run]) -> str:
+    """Say why runs are not ranked; "" if all are."""
+    reasons = dict(zip(runs, exclusions(list(runs.values())), strict=True))
+    return " ".join(f"Not ranked: {reason}." for reason in not_ranked(reasons))
+
+
+def setting_words(runs: Mapping[str, Run]) -> str:
     """Name the settings of models, if they differ; "" otherwise."""
+    settings = {name: run.setting for name, run in runs.items()}
     if len(set(settings.values())) < 2:
         return ""
     each = joined([f"{plain(name)} {plain(setting)}" for name, setting in settings.items()])

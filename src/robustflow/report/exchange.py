@@ -24,8 +24,8 @@ from ..run.records.read import Reader
 from ..run.run import Run
 from ..stats.exclusion import exclusion_reasons
 from ..stats.frame import results_frame
+from ..stats.notes import comparison_note
 from ..stats.results import AVERAGE, CLEAN, RESULT_METRICS, SETTING_EXPLANATIONS, SETTING_LABELS
-from ..stats.run_results import comparison_note
 
 HUB_FILE = PurePosixPath(".eval_results", "robustflow.yaml")
 """Path of the results in a model's repository on the Hub."""

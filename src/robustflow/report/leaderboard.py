@@ -8,193 +8,180 @@ from dataclasses import replace
 from ..core.text import plain
 from ..corruptions.registry import MEMBERS
 from ..data.benchmarks.facts import is_still
+from ..metrics.cube import PAPER, MeanKey
+from ..metrics.measures import EVERY
+from ..metrics.regions import REGIONS
 from ..stats.exclusion import CAVEAT, PHANTOM
-from ..stats.intervals import paper_rows
-from ..stats.model_result import CRER, FLOPS, PARAMETERS, RANKS, ModelResult, Value, ValueKey, by_frames
+from ..stats.frame import ERRORS, MOST_COMPARED
+from ..stats.lines import FLOPS, PARAMETERS, RANKS, LineKey, Lines, Numbers, by_sample_set
 from ..stats.ranking import best_of_columns
 from ..stats.results import (
     AVERAGE,
     CLEAN,
     FAMILY_LABELS,
     LABELS,
+    RESULT_METRICS,
+    UNITS,
     benchmark_label,
     long_label,
     short_label,
 )
-from ..stats.verdict import Verdict, verdict_of
-from .table import DASH, Column, Line, Section, Table, TableCell, interval_text
+from .table import DASH, Column, Line, Section, Table, TableCell, cell_of
 
-COVERAGE: ValueKey = ("coverage", "")
-GROUP: ValueKey = ("group", "")
-EPE: ValueKey = ("epe", AVERAGE)
+COVERAGE: MeanKey = ("coverage", "", None)
+GROUP: MeanKey = ("group", "", None)
+START: tuple[MeanKey, ...] = tuple((*key, None) for key in ERRORS)
+"""Initial sort keys of boards."""
 
-START: tuple[ValueKey, ...] = (EPE, ("rcre", AVERAGE), ("epe", CLEAN))
-"""Initial sort keys: the EPE under corruption, or the RCRE without ground truth. Sorting by CRE would put the
-knowledge-driven methods first because their clean error is already high."""
+EPE, _, EPE_CLEAN = START
 
 OVERVIEW, COMPACT, CLASSES = "overview", "compact", "classes"
 """Names of the views besides the families; the compact one fits next to the names on a phone screen."""
 BOARD_METRICS = ("epe", "cre", "rcre")
-MOST_COMPARED = 20
-"""Maximum number of models of a setting that are tested against each other and have a group letter."""
 
-_OVERVIEW_COLUMNS = tuple(
-    Column(label, key=key, help=help, unit=unit, views=views)
-    for key, label, help, unit, *views in (
-        (GROUP, "Group", "Models of a setting that share a letter cannot be told apart by their EPE", "", OVERVIEW),
-        (("epe", CLEAN), "Clean EPE", "End-point error on the clean frames", "px", OVERVIEW),
-        (EPE, "EPE", "End-point error, mean over all corruptions", "px", OVERVIEW, COMPACT),
-        (("cre", AVERAGE), "CRE", "Corruption Robustness Error: EPE - clean EPE", "px", OVERVIEW, COMPACT),
-        (CRER, "CREr", "CRE / clean EPE", "", OVERVIEW),
-        (("rcre", AVERAGE), "RCRE", "Change in the flow under corruption", "px", OVERVIEW, COMPACT),
-        (("flow_length", CLEAN), "Flow", "Mean length of the flow on the clean frames", "px", OVERVIEW),
-        (("photometric", CLEAN), "Clean photom.", "Photometric error on the clean frames", "grey", OVERVIEW),
-        (("photometric", AVERAGE), "Photom.", "Photometric error under corruption", "grey", OVERVIEW),
-        (("photometric_still", CLEAN), "of zero flow", "Photometric error of a flow that is zero", "grey", OVERVIEW),
-        (
-            COVERAGE,
-            "Coverage",
-            "Share of the pixels that the model predicted; errors are over these pixels",
-            "",
-            OVERVIEW,
-        ),
-        (PARAMETERS, "Param.", "Parameters, millions", "M", OVERVIEW),
-        (
-            FLOPS,
-            "MACs",
-            "Multiply-accumulates by thop, the paper's FLOPs, 10⁹",
-            "G",
-            OVERVIEW,
-        ),
-        (RANKS["average"], "Avg. rank", "Rank by the mean of the MACs and CREr ranks (Tab. 3)", "", OVERVIEW),
+_FEW, _ALL = (OVERVIEW, COMPACT), (OVERVIEW,)
+
+
+def _over(metric: str, condition: str, label: str, views: Sequence[str] = _ALL, unit: str = "px") -> Column:
+    """Return a column of the overview, explained as the measure is."""
+    where = {CLEAN: " on the clean frames", AVERAGE: ", mean over all corruptions"}[condition]
+    return Column(
+        label, key=(metric, condition, None), help=f"{EVERY[metric].explanation}{where}", unit=unit, views=views
     )
+
+
+_OVERVIEW_COLUMNS = (
+    Column(
+        "Group",
+        key=GROUP,
+        help="Models of a setting that share a letter cannot be told apart by their EPE",
+        views=_ALL,
+    ),
+    _over("epe", CLEAN, "Clean EPE"),
+    _over("epe", AVERAGE, "EPE", _FEW),
+    _over("cre", AVERAGE, "CRE", _FEW),
+    _over("crer", AVERAGE, "CREr", unit=""),
+    _over("rcre", AVERAGE, "RCRE", _FEW),
+    _over("flow_length", CLEAN, "Flow"),
+    _over("photometric", CLEAN, "Clean photom.", unit="grey"),
+    _over("photometric", AVERAGE, "Photom.", unit="grey"),
+    _over("photometric_still", CLEAN, "of zero flow", unit="grey"),
+    Column(
+        "Coverage",
+        key=COVERAGE,
+        help="Share of the pixels that the model predicted; errors are over these pixels",
+        views=_ALL,
+    ),
+    Column("Param.", key=PARAMETERS, help="Parameters, millions", unit="M", views=_ALL),
+    Column("MACs", key=FLOPS, help="Multiply-accumulates by thop, the paper's FLOPs, 10⁹", unit="G", views=_ALL),
+    Column("Avg. rank", key=RANKS["average"], help="Rank by the mean of the MACs and CREr ranks (Tab. 3)", views=_ALL),
 )
-Cells = dict[ValueKey, TableCell]
-Setting = tuple[str, str, str]
-"""Benchmark, sample set and setting: what models have in common that are ranked together."""
+_WITHOUT_TRUTH = [
+    column.key for column in _OVERVIEW_COLUMNS if column.key[0] in ("flow_length", "photometric", "photometric_still")
+]
+Cells = dict[MeanKey, TableCell]
 
 
-def boards_of(cells: Mapping[ModelResult, Cells], group_titles: Mapping[str, str]) -> list[Table]:
-    """Build one board per benchmark from `board_cells`, named after it, ordered by number of runs, then by number of
-    models. It has one section per set of frames, with lines in the order of `by_error`."""
-    of_benchmark: dict[str, dict[ModelResult, Cells]] = {}
-    for line, of_line in cells.items():
-        of_benchmark.setdefault(line.benchmark, {})[line] = of_line
+def boards_of(lines: Lines, group_titles: Mapping[str, str], asked: str = "") -> list[Table]:
+    """Build one board per benchmark, named after it, ordered by number of runs, then by number of models. It has one
+    section per set of frames, with lines in the order of `by_error`, and a column of the measure that is asked for."""
+    of_benchmark: dict[str, dict[LineKey, Numbers]] = {}
+    for key, numbers in lines.items():
+        of_benchmark.setdefault(key.benchmark, {})[key] = numbers
 
-    def place(lines: Mapping[ModelResult, object]) -> tuple[int, int]:
-        return -sum(line.run is not None for line in lines), -len({plain(line.name) for line in lines})
+    def place(part: Lines) -> tuple[int, int]:
+        return -sum(numbers.is_run for numbers in part.values()), -len({plain(key.model) for key in part})
 
     order = sorted(of_benchmark.items(), key=lambda item: place(item[1]))
-    return [_board(name, of_lines, group_titles) for name, of_lines in order]
+    return [_board(name, part, group_titles, asked) for name, part in order]
 
 
-def board_cells(
-    results: Sequence[ModelResult], verdicts: Mapping[Setting, Verdict] | None = None
-) -> dict[ModelResult, Cells]:
-    """Return the marked cells of each line and its group: models of one setting on the same frames share a letter
-    unless a paired test, corrected for all pairs, tells their EPE apart."""
-    known = verdicts_of(results) if verdicts is None else verdicts
-    cells = {}
-    for line, of_line in marked_cells(results).items():
-        letters = known[setting_of(line)].letters if line.run is not None and setting_of(line) in known else {}
-        cells[line] = of_line | ({GROUP: TableCell(letters[line.name])} if line.name in letters else {})
-    return cells
-
-
-def setting_of(line: ModelResult) -> Setting:
-    """Return what models have in common that are ranked together."""
-    return line.benchmark, line.frames, line.setting
-
-
-def verdicts_of(results: Sequence[ModelResult]) -> dict[Setting, Verdict]:
-    """Return the verdict on the ranked runs of each setting, of those with the lowest error under corruption."""
-    ranked: dict[Setting, list[ModelResult]] = {}
-    for line in results:
-        if line.run is not None and not line.excluded and any(key in line.values for key in START[:2]):
-            ranked.setdefault(setting_of(line), []).append(line)
-    verdicts = {}
-    for setting, lines in ranked.items():
-        best = sorted(lines, key=by_error)[:MOST_COMPARED]
-        runs = {line.name: (line.run, line.beside_published) for line in best if line.run is not None}
-        verdicts[setting] = verdict_of(
-            {name: paper_rows(run) if few else run.rows for name, (run, few) in runs.items()}
-        )
-    return verdicts
-
-
-def by_error(line: ModelResult) -> tuple[bool, bool, float, str]:
+def by_error(line: tuple[LineKey, Numbers]) -> tuple[bool, bool, float, str]:
     """Sort lines by `START`, then by name; models without a rank come last."""
-    value = next((number for key in START if (number := line.number(*key)) is not None), None)
-    return bool(line.excluded), value is None, value or 0.0, plain(line.name)
+    key, numbers = line
+    value = next((numbers[of]["value"] for of in START if of in numbers), None)
+    return bool(numbers.fact("excluded")), value is None, value or 0.0, plain(key.model)
 
 
-def marked_cells(results: Sequence[ModelResult]) -> dict[ModelResult, Cells]:
-    """Return the cells of each line, of which the best are marked (`ModelResult.may_be_best`) among lines of the same
-    setting on the same frames. Numbers that the paper does not print are not marked."""
-    values = {line: _values(line) for line in results}
+def marked_cells(lines: Lines) -> dict[LineKey, Cells]:
+    """Return the cells of each line, over severities. The best are marked (`Numbers.may_be_best`) among lines of the
+    same setting on the same frames. Numbers that the paper does not print are not marked."""
+    cells = {key: {of: cell_of(row) for of, row in numbers.items() if of[2] is None} for key, numbers in lines.items()}
     compared = []
-    for line, of_line in values.items():
+    for key, of_line in cells.items():
         texts = {
-            key: value.text
-            for key, value in of_line.items()
-            if key not in (PARAMETERS, FLOPS, COVERAGE) and line.may_be_best(key[0]) and not _is_derived(line, key)
+            of: cell.text
+            for of, cell in of_line.items()
+            if of not in (PARAMETERS, FLOPS, COVERAGE) and lines[key].may_be_best(key, of[0]) and not cell.derived
         }
-        compared.append(None if line.excluded else ((line.benchmark, line.frames, line.setting), texts))
+        compared.append(None if lines[key].fact("excluded") else (key.comparable, texts))
     return {
-        line: {
-            key: TableCell(value.text, key in best, interval_text(value.ends), derived=_is_derived(line, key))
-            for key, value in of_line.items()
-        }
-        for (line, of_line), best in zip(values.items(), best_of_columns(compared), strict=True)
+        key: {of: replace(cell, best=of in best) for of, cell in of_line.items()}
+        for (key, of_line), best in zip(cells.items(), best_of_columns(compared), strict=True)
     }
 
 
-def _values(line: ModelResult) -> dict[ValueKey, Value]:
-    """Return what a board shows of a line."""
-    shown = {key: value for key, value in line.values.items() if key not in (RANKS["flops"], RANKS["crer"])}
-    shown |= {key: value for key, value in line.families.items() if key[0] in BOARD_METRICS}
-    return shown if line.coverage is None else shown | {COVERAGE: Value(line.coverage)}
+def board_cells(lines: Lines, asked: str = "") -> dict[LineKey, Cells]:
+    """Return what a board shows of each line: its marked cells, its group and its coverage. Models of one setting on
+    the same frames share a letter unless a paired test, corrected for all pairs, tells their EPE apart."""
+    wanted = {column.key for column in _OVERVIEW_COLUMNS} | {(asked, AVERAGE, None)}
+    of_run = {CLEAN, PAPER, *REGIONS}
+    cells = {}
+    for key, of_line in marked_cells(lines).items():
+        numbers = lines[key]
+        unneeded = _WITHOUT_TRUTH if EPE_CLEAN in numbers else ()
+        shown = {
+            of: cell
+            for of, cell in of_line.items()
+            if of not in unneeded
+            and (of in wanted or (of[0] in RESULT_METRICS and not (numbers.is_run and of[1] in of_run)))
+            and (of[0] in BOARD_METRICS or of[1] not in MEMBERS)
+        }
+        letter = numbers[EPE]["letter"] if EPE in numbers else None
+        shown |= {GROUP: TableCell(letter)} if letter else {}
+        shown |= {COVERAGE: TableCell(f"{numbers.coverage:.2f}")} if numbers.coverage is not None else {}
+        cells[key] = shown
+    return cells
 
 
-def _is_derived(line: ModelResult, key: ValueKey) -> bool:
-    """Whether a value of the paper's lines is computed from others, because the paper does not print it."""
-    return key == CRER and line.source == "published" and line.values[CRER].derived
-
-
-def _board(benchmark: str, cells: Mapping[ModelResult, Cells], group_titles: Mapping[str, str]) -> Table:
+def _board(benchmark: str, lines: Lines, group_titles: Mapping[str, str], asked: str) -> Table:
+    cells = board_cells(lines, asked)
     keys = {key for of_line in cells.values() for key in of_line}
     columns = [column for column in _OVERVIEW_COLUMNS if column.key in keys]
+    if (asked, AVERAGE, None) in keys - {column.key for column in columns}:
+        place = 1 + max((at for at, column in enumerate(columns) if column.key[1] == AVERAGE), default=-1)
+        columns.insert(place, _over(asked, AVERAGE, LABELS[asked], unit=UNITS[asked]))
     few = [column for column in columns if COMPACT in column.views][:2]
     columns = [column if column in few else replace(column, views=(OVERVIEW,)) for column in columns]
     for metric in BOARD_METRICS:
-        families = [family for family in MEMBERS if (metric, family) in keys]
-        if families and (metric, AVERAGE) in keys:
+        families = [family for family in MEMBERS if (metric, family, None) in keys]
+        if families and (metric, AVERAGE, None) in keys:
             columns.append(_column(metric, AVERAGE, f"AVG {LABELS[metric]}", "all corruptions", CLASSES))
         for family in families:
             columns.append(_column(metric, family, FAMILY_LABELS[family], "the class", CLASSES, family))
             for name in MEMBERS[family]:
-                if (metric, name) in keys:
+                if (metric, name, None) in keys:
                     columns.append(_column(metric, name, short_label(name), long_label(name), family))
-    hidden = sorted(keys - {column.key for column in columns})
-    columns += [Column(" ".join(filter(None, key)), key=key) for key in hidden]
+    hidden = sorted(key[:2] for key in keys - {column.key for column in columns})
+    columns += [Column(" ".join(filter(None, key)), key=(*key, None)) for key in hidden]
     sections = []
-    for frames, lines in by_frames(cells).items():
+    for sample_set, part in by_sample_set(lines).items():
         in_order = []
-        for line in sorted(lines, key=by_error):
-            of_line = tuple(cells[line].get(column.key, TableCell(DASH)) for column in columns)
-            in_order.append(Line(line.name, of_line, line.note, result=line))
-        sections.append(Section(group_titles.get(frames, plain(frames, 200)), tuple(in_order)))
-    remarks = tuple(_remarks(benchmark, cells))
+        for key, numbers in sorted(part.items(), key=by_error):
+            of_line = tuple(cells[key].get(column.key, TableCell(DASH)) for column in columns)
+            in_order.append(Line(key.model, of_line, numbers.fact("note"), result=key))
+        sections.append(Section(group_titles.get(sample_set, plain(sample_set, 200)), tuple(in_order)))
+    remarks = tuple(_remarks(benchmark, lines, cells))
     return Table(benchmark, benchmark_label(benchmark), tuple(columns), tuple(sections), remarks)
 
 
 def _column(metric: str, condition: str, label: str, over: str, *views: str) -> Column:
-    return Column(label, key=(metric, condition), help=f"{LABELS[metric]}, {over}", unit="px", views=views)
+    return Column(label, key=(metric, condition, None), help=f"{LABELS[metric]}, {over}", unit="px", views=views)
 
 
-def _remarks(benchmark: str, cells: Mapping[ModelResult, Cells]) -> Iterator[str]:
+def _remarks(benchmark: str, lines: Lines, cells: Mapping[LineKey, Cells]) -> Iterator[str]:
     every = [cell for of_line in cells.values() for cell in of_line.values()]
-    runs = [line for line in cells if line.run is not None]
+    runs = [numbers for numbers in lines.values() if numbers.is_run]
     if any(cell.best for cell in every):
         yield (
             "Bold: lowest value among learned models in the same setting on the same frames; of runs, only the EPE, "
@@ -207,13 +194,13 @@ def _remarks(benchmark: str, cells: Mapping[ModelResult, Cells]) -> Iterator[str
         )
     if any(cell.derived for cell in every):
         yield "Italic: CREr that the paper does not print, from other values of the row."
-    if any(line.intervals for line in runs):
+    if any(cell.interval for key, of_line in cells.items() if lines[key].is_run for cell in of_line.values()):
         yield "Brackets: 95 % confidence intervals over images (over sequences where there are any)."
     elif runs:
         yield "No confidence intervals: too few images or sequences."
-    if len({line.frames for line in cells}) > 1:
+    if len({key.sample_set for key in lines}) > 1:
         yield "Rows are sorted within each group."
     if is_still(benchmark):
         yield PHANTOM
-    elif runs and all(("epe", CLEAN) not in line.values for line in runs):
+    elif runs and all(EPE_CLEAN not in numbers for numbers in runs):
         yield CAVEAT

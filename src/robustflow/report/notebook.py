@@ -15,11 +15,15 @@ from jinja2 import Environment, PackageLoader
 from markupsafe import Markup
 
 from ..core.errors import UsageError, unknown_name
+from ..metrics.measures import MEASURES
+from ..metrics.rows import CLEAN
 from ..run.comparable import common_to, differences, named_runs
 from ..run.displacement import displacements_of
-from ..stats.model_result import run_results
+from ..stats.estimate import cubes_of, estimate
+from ..stats.lines import Numbers, lines_of
 from .render import render
 from .run_tables import result_table
+from .table import run_frame
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -62,7 +66,8 @@ def result_html(run: Run) -> str:
     escaped, and the figure is embedded, so nothing is loaded from the network."""
     from .figures import figure_bytes
 
-    fragment = render(result_table(run), "html")
+    ((key, numbers),) = lines_of(run_frame([run])).items()
+    fragment = render(result_table(key, numbers), "html")
     try:
         figure = plot([run], "classes")
     except UsageError:
@@ -74,7 +79,6 @@ def result_html(run: Run) -> str:
 
 def plot(runs: Sequence[Run], kind: str = "severity", metric: str = "rcre") -> Figure:
     """Draw a figure of one or more runs."""
-    from ..metrics.measures import MEASURES
     from . import figures
 
     of_results: dict[str, Callable[..., Figure]] = {
@@ -93,8 +97,12 @@ def plot(runs: Sequence[Run], kind: str = "severity", metric: str = "rcre") -> F
         common = common_to(named)
         if common.remark:
             warnings.warn(common.remark, stacklevel=2)
-        return figures.severity_curves(common.rows, metric)
+        curves = {}
+        for name, cube in cubes_of(common.rows).items():
+            scopes = [at for at in cube.conditions if at[0] != CLEAN]
+            rows = estimate(cube, {metric: MEASURES[metric]}, scopes).to_dicts()
+            curves[name] = Numbers(((metric, row["condition"], row["severity"]), row) for row in rows)
+        return figures.severity_curves(curves, metric)
     if words := differences(named):
         raise UsageError(kind, f"the runs measured different conditions ({words}); plot them separately")
-    results = run_results(runs, intervals=True)
-    return of_results[kind](results)
+    return of_results[kind](lines_of(run_frame(runs, intervals=True)))

@@ -6,16 +6,20 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import compress
-from statistics import mean, stdev
 from typing import Any, NamedTuple
+
+import polars as pl
 
 from ..core.errors import UsageError
 from ..core.text import plain
 from ..run.comparable import differences
 from ..run.run import Run
-from ..stats.model_result import ModelResult, run_results
-from ..stats.published.tables import published_results
-from ..stats.seeds import SeedGroup, seed_groups
+from ..stats.frame import DERIVED, results_frame
+from ..stats.lines import LineKey, Lines, Numbers, lines_of, number_of
+from ..stats.lines import Row as FrameRow
+from ..stats.published.tables import published_frame
+from ..stats.results import AVERAGE
+from ..stats.seeds import with_seeds
 
 DASH = "-"
 """Text of a cell without a number."""
@@ -26,14 +30,15 @@ LONGEST_NOTE = 600
 
 @dataclass(frozen=True)
 class Column:
-    """A column of a table, with the format of its numbers. Pages use the last five: the measure and condition of the
-    values, an explanation, the unit, the views that show the column, and the value of the strongest shade."""
+    """A column of a table, with the format of its numbers and the key of what it shows, for example (measure,
+    condition, severity). Pages use the last four: an explanation, the unit, the views that show the column, and the
+    value of the strongest shade."""
 
     label: str
     format: str = "{:.2f}"
     group: str = ""
     prose: bool = False
-    key: tuple[str, str] = ("", "")
+    key: tuple[Any, ...] = ("", "", None)
     help: str = ""
     unit: str = ""
     views: Sequence[str] = ()
@@ -63,7 +68,7 @@ class Row(NamedTuple):
     values: Iterable[float | str | TableCell | None]
     note: str = ""
     best: bool = False
-    result: ModelResult | None = None
+    result: LineKey | None = None
 
 
 @dataclass(frozen=True)
@@ -74,7 +79,7 @@ class Line:
     cells: tuple[TableCell, ...]
     note: str = ""
     best: bool = False
-    result: ModelResult | None = None
+    result: LineKey | None = None
 
     @classmethod
     def of(cls, row: Row, columns: Sequence[Column]) -> Line:
@@ -185,11 +190,11 @@ def with_exclusion(note: str, reason: str) -> str:
     return "; ".join(part for part in (note, reason and f"not ranked: {reason}") if part)
 
 
-def full_note(result: ModelResult) -> str:
-    """Return the note on the line of a result in a table without a column for the coverage: what was measured, the
+def full_note(numbers: Numbers) -> str:
+    """Return the note on a line of results in a table without a column for the coverage: what was measured, the
     share of the pixels that its errors cover if not all, and the reason if it is not ranked."""
-    share = "" if result.coverage is None else f"errors cover {100 * result.coverage:.1f} % of the pixels"
-    return with_exclusion("; ".join(filter(None, (result.note, share))), result.excluded)
+    share = "" if numbers.coverage is None else f"errors cover {100 * numbers.coverage:.1f} % of the pixels"
+    return with_exclusion("; ".join(filter(None, (numbers.fact("note"), share))), numbers.fact("excluded"))
 
 
 def differences_remark(runs: Mapping[str, Run]) -> str:
@@ -198,36 +203,45 @@ def differences_remark(runs: Mapping[str, Run]) -> str:
     return f"The runs differ: {words}." if words else ""
 
 
-def rows_of_models(
-    results: Iterable[ModelResult],
-    values: Mapping[tuple[str, str], Sequence[float | None]],
-    seeds: Sequence[SeedGroup],
-    shown: Mapping[tuple[str, str], Sequence[float | str | None]] | None = None,
-) -> list[Row]:
-    """Return a row for each result with values (by `ModelResult.key`), or with what is shown of them. The mean and
-    standard deviation over the seeds of a group follow the group's last run."""
-    rows = []
-    for line in results:
-        if line.key in values:
-            rows.append(Row(line.name, (shown or values)[line.key], full_note(line), result=line))
-        rows += [seed_row(group, values) for group in seeds if group.runs[-1] == line.key]
-    return rows
+def cell_of(row: FrameRow, format: str = "{:.2f}", *, with_interval: bool = False) -> TableCell:
+    """Return the cell of a number of the frame, with as many decimals as printed, else in a format. With
+    `with_interval`, the interval is part of the text, not only shown by media that have room for it."""
+    text = number_text(row["value"], format) if row["decimals"] is None else number_of(row)
+    if row["deviation"] is not None:
+        text = f"{text} ± {row['deviation']:.2f}"
+    interval = interval_text(None if row["low"] is None else (row["low"], row["high"]))
+    if with_interval:
+        return TableCell(f"{text} {interval}".rstrip())
+    derived = row["origin"] == DERIVED and row["condition"] == AVERAGE and row["source"] == "published"
+    return TableCell(text, interval=interval, derived=derived)
 
 
-def seed_row(group: SeedGroup, values: Mapping[tuple[str, str], Sequence[float | None]], excluded: str = "") -> Row:
-    """Return the row with the means and standard deviations over the seeds of a group."""
-    columns = zip(*(values[run] for run in group.runs), strict=True)
-    return Row(group.label, map(spread_text, columns), with_exclusion(group.note, excluded))
+def model_rows(lines: Lines, columns: Sequence[Column], *, with_interval: bool = False) -> list[Row]:
+    """Return a row for each line of results, with the number of each column's key."""
+
+    def cell(numbers: Numbers, column: Column) -> TableCell | None:
+        row = numbers.get(column.key)
+        return None if row is None else cell_of(row, column.format, with_interval=with_interval)
+
+    return [
+        Row(key.model, [cell(numbers, column) for column in columns], full_note(numbers), result=key)
+        for key, numbers in lines.items()
+    ]
 
 
-def spread_text(values: Sequence[float | None]) -> str:
-    """Format the mean and standard deviation of two or more values; a dash if a value is missing.
+Condition = tuple[str, int | None]
+"""(condition, severity); None for the mean over severities."""
 
-    >>> spread_text([1.0, 2.0, 3.0]), spread_text([1.0, None])
-    ('2.00 ± 1.00', '-')
-    """
-    known = [value for value in values if value is not None]
-    return DASH if len(known) < len(values) else f"{mean(known):.2f} ± {stdev(known):.2f}"
+
+def condition_rows(numbers: Numbers, columns: Sequence[Column], rows: Mapping[str, Condition]) -> list[Row]:
+    """Return a row for each condition of one line, by label; the keys of the columns are (measure, severity)."""
+
+    def cell(column: Column, of: str, at: int | None) -> TableCell | None:
+        measure, severity = column.key
+        row = numbers.get((measure, of, at or severity))
+        return None if row is None else cell_of(row, column.format)
+
+    return [Row(label, [cell(column, of, at) for column in columns]) for label, (of, at) in rows.items()]
 
 
 def interval_text(ends: tuple[float, float] | None) -> str:
@@ -252,28 +266,35 @@ def number_text(value: float | str | None, format: str = "{:.2f}") -> str:
 
 @dataclass(frozen=True)
 class Wanted:
-    """What tables are made from: runs and, if wanted, the published results."""
+    """What tables are made from: the results frame of runs and, if wanted, of the published results."""
 
     runs: Sequence[Run]
     published: bool
 
     @cached_property
-    def results(self) -> list[ModelResult]:
-        """The published results, if wanted, followed by the results of the runs."""
-        return results_of(self.runs, self.published)
+    def frame(self) -> pl.DataFrame:
+        """The published results, if wanted, followed by those of the runs and of seeds."""
+        frames = [published_frame()] * self.published
+        return pl.concat([*frames, with_seeds(run_frame(self.runs, self.published), self.runs)])
 
     @cached_property
-    def seeds(self) -> list[SeedGroup]:
-        """The groups of runs that differ only in the seed."""
-        return seed_groups(self.runs)
+    def lines(self) -> Lines:
+        """The lines of the frame."""
+        return lines_of(self.frame)
 
-    def of_runs(self, table: str) -> list[ModelResult]:
-        """Return the results of the runs alone, for a table that needs some."""
+    def of_runs(self, table: str, *kinds: str, intervals: bool = False, seeds: bool = False) -> Lines:
+        """Return the lines of the runs alone, for a table that needs some; with `seeds`, also those of seeds."""
         if not self.runs:
             raise UsageError("--table", f"'{table}' requires runs: give at least one run")
-        return run_results(self.runs)
+        frame = results_frame(self.runs, ("means", *kinds), intervals=intervals, detailed=False)
+        return lines_of(with_seeds(frame, self.runs) if seeds else frame)
 
 
-def results_of(runs: Sequence[Run], published: bool, intervals: bool = False) -> list[ModelResult]:
-    """Return the published results, if requested, followed by the results of the runs."""
-    return [*(published_results() if published else []), *run_results(runs, published, intervals=intervals)]
+def run_frame(runs: Sequence[Run], beside_published: bool = False, *, intervals: bool = False) -> pl.DataFrame:
+    """Return the means of runs and the cost of their models."""
+    return results_frame(runs, ("means", "facts"), intervals=intervals, beside_published=beside_published)
+
+
+def without_seeds(lines: Lines) -> Lines:
+    """Return the lines of models, without means over seeds."""
+    return {key: numbers for key, numbers in lines.items() if numbers.fact("source") != "seeds"}

@@ -9,12 +9,16 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
+import polars as pl
+
 from ..core.errors import UsageError
 from ..core.plugins import Registry
 from ..core.text import joined, plain
+from ..run.comparable import run_names, sample_set
 from ..run.displacement import displacements_of
-from ..stats.model_result import by_line
-from .table import Table, Wanted, results_of
+from ..stats.lines import lines_of
+from ..stats.published.tables import PAPER, published_frame
+from .table import Table, Wanted, run_frame
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -61,14 +65,15 @@ def _check_shown(name: str, wanted: Wanted, tables: Sequence[Table]) -> None:
     runs that it neither shows nor names in a remark."""
     lines = [line for table in tables for line in table.lines]
     results = [line.result for line in lines if line.result is not None]
-    keys = {result.key for result in results}
+    keys = {(result.sample_set, result.model) for result in results}
     # Tables without results are of runs alone: a line, a section or a table for each.
     labels = {line.label for line in lines} | {section.title for table in tables for section in table.sections}
     labels = set() if results else labels | {table.title.partition(" on ")[2] for table in tables}
-    absent = [plain(key[1]) for key in by_line(wanted.runs) if key not in keys and plain(key[1]) not in labels]
+    runs = zip(map(sample_set, wanted.runs), run_names(wanted.runs), strict=True)
+    absent = [plain(name) for of, name in runs if (of, name) not in keys and plain(name) not in labels]
     if not results and len(absent) == len(wanted.runs):
         return  # its lines are not models
-    if wanted.published and not any(result.source == "published" for result in results):
+    if wanted.published and not any(result.sample_set == PAPER for result in results):
         raise UsageError("--published", f"'{name}' shows none of the published results: omit it, or this table")
     if absent and len(absent) == len(wanted.runs):
         raise UsageError("--table", f"'{name}' shows none of the runs ({joined(absent)}): omit them, or this table")
@@ -83,7 +88,8 @@ def figures_of(runs: Sequence[Run], *, published: bool) -> dict[str, Figure]:
     from .figures import all_figures, displacement_figure
     from .figures.curves import MOST_LINES
 
-    figures = all_figures(results_of(runs, published, intervals=True))
+    frame = run_frame(runs, published, intervals=True)
+    figures = all_figures(lines_of(pl.concat([*[published_frame()] * published, frame])))
     moved = displacements_of(runs)
     if 0 < len(moved) <= MOST_LINES:
         figures["displacement"] = displacement_figure(moved)

@@ -195,10 +195,12 @@ class Derived:
             self._list(_VALUES, {"source": self._source(), _VALUES: self._known})
             self._new = False
 
-    def write_file(self, name: str, make: Callable[[], bytes], *, shows_others: bool = False) -> bool:
-        """Write a file, unless it is unchanged and was made from the same source, which includes the other files of the
-        run if it shows them. Return whether it was written."""
-        source, before = self._source(shows_others), _read(self._folder / name)
+    def write_file(
+        self, name: str, make: Callable[[], bytes], *, shows_others: bool = False, made_with: str = ""
+    ) -> bool:
+        """Write a file, unless it is unchanged and was made from the same source and with the same options; the source
+        includes the other files of the run if it shows them. Return whether it was written."""
+        source, before = self._source(shows_others, made_with), _read(self._folder / name)
         if before is not None and self._listed().get(name) == _entry(source, before):
             return False
         data = make()
@@ -206,10 +208,10 @@ class Derived:
         self._list(name, _entry(source, data))  # not of the file, which another process may replace
         return True
 
-    def _source(self, shows_others: bool = False) -> str:
+    def _source(self, shows_others: bool = False, made_with: str = "") -> str:
         """Return a hash of everything from which a file or value is made."""
         files = _files(self._folder, _NOT_SHOWN) if shows_others else []
-        return digest_of_value([*self._made_of, files, code_digest()], size=16)
+        return digest_of_value([*self._made_of, files, code_digest(), made_with], size=16)
 
     def _listed(self) -> dict[str, Any]:
         """Read the list of derived files; empty if it is missing or damaged."""

@@ -13,47 +13,62 @@ import polars as pl
 from ..attacks.ball import GREY_LEVELS
 from ..attacks.registry import attack_spec
 from ..attacks.result import EXPLAINED, LOWER_BOUND
-from ..metrics.cube import AVERAGE, Cube
-from ..metrics.measures import ATTACK, MEASURES, METRICS
+from ..metrics.cube import AVERAGE, Cube, MeanKey
+from ..metrics.measures import ATTACK, MEASURES
 from ..metrics.rows import CLEAN, ROW_KEY
 from ..run.comparable import MEASURED, common_cells, common_to, named_runs
 from ..run.run import Run
 from ..run.store import RunFolder
-from .estimate import cubes_of, estimate, scopes_of
+from .estimate import cubes_of, estimate
 from .exclusion import exclusions
 from .ranking import rank_correlation
 
-AttackScore = dict[str, Any]
-"""The numbers of one attack at one severity: `attack`, `severity`, `norm`, `budget`, `samples`, the metrics, the
-measures of `ATTACK` without their prefix, `gain` over noise, `seconds` per pair, and `warnings`: key -> pairs."""
+Scores = Mapping[MeanKey, float]
+"""Numbers of attacks by (measure, attack, severity): the measures of `MEASURES` and of `ATTACK`; "attack_budget" in
+grey levels or % of the pixels; "attack_gain", the error minus that under random noise of the same norm;
+"attack_seconds" per pair; and the number of pairs with each warning as "warning KEY"."""
+WARNING = "warning "
+"""Prefix of the measures of warnings."""
 
 
-def attack_scores(run: Run) -> list[AttackScore]:
-    """Score every attack of a run at every severity, starting with the controls."""
-    rows, scores = run.attack_rows, []
-    known = Cube.of(rows).means(MEASURES | ATTACK) if run.attacks else {}
+def attack_numbers(run: Run) -> list[dict[str, Any]]:
+    """Return the numbers of every attack of a run at every severity (`Scores`) as rows of the results frame, starting
+    with the controls; the error has an interval."""
+    if not run.attacks:
+        return []
+    (cube,) = cubes_of({"": run.attack_rows}).values()
+    known = attack_means(run)
+    error = "epe" if any(measure == "epe" for measure, *_ in known) else "rcre"
+    scopes = [at for at in cube.conditions if at[0] != CLEAN]
+    uncertain = estimate(cube, {error: MEASURES[error]}, scopes).select("condition", "severity", "low", "high")
+    ends = {(of, at): {"low": low, "high": high} for of, at, low, high in uncertain.iter_rows()}
+    pairs = run.attack_rows.group_by("corruption", "severity").len()
+    counts = {(of, at): {"pairs": count} for of, at, count in pairs.iter_rows()}
+    return [
+        {"measure": measure, "condition": of, "severity": at, "value": value}
+        | counts[of, at]
+        | (ends.get((of, at), {}) if measure == error else {})
+        for (measure, of, at), value in known.items()
+    ]
+
+
+def attack_means(run: Run) -> dict[MeanKey, float]:
+    """Return the numbers of every attack (`Scores`)."""
+    rows = run.attack_rows
+    means = Cube.of(rows).means(MEASURES | ATTACK)
+    out: dict[MeanKey, float] = {}
     for name in run.attacks:
-        norm, spent = attack_spec(name).norm, _seconds(run, name)
-        for (severity,), part in (
-            rows.filter(corruption=name).sort("severity").group_by("severity", maintain_order=True)
-        ):
+        budgets, spent = GREY_LEVELS[attack_spec(name).norm], _seconds(run, name)
+        parts = rows.filter(corruption=name).partition_by("severity", as_dict=True)
+        for (severity,), part in sorted(parts.items()):
             at = name, severity
+            out |= {(m, *at): means[m, *at] for m in (*MEASURES, *ATTACK) if (m, *at) in means}
+            out["attack_budget", *at] = budgets[severity - 1]
+            out |= {("attack_seconds", *at): spent} if spent is not None else {}
             warnings = Counter(",".join(part["attack_warnings"].drop_nulls()).split(","))
-            scores.append(
-                {
-                    **{metric: known.get((metric, *at)) for metric in METRICS},
-                    "attack": name,
-                    "severity": severity,
-                    "norm": norm,
-                    "budget": GREY_LEVELS[norm][severity - 1],
-                    "samples": part.height,
-                    **{one.removeprefix("attack_"): known.get((one, *at)) for one in ATTACK},
-                    "gain": None,
-                    "seconds": spent,
-                    "warnings": {text: count for text, count in sorted(warnings.items()) if text},
-                }
-            )
-    return compared(scores)
+            out |= {(WARNING + key, *at): float(count) for key, count in sorted(warnings.items()) if key}
+            out["attack_pairs", *at] = float(part.height)
+    return out | beside_others(out)
 
 
 def _seconds(run: Run, name: str) -> float | None:
@@ -62,88 +77,54 @@ def _seconds(run: Run, name: str) -> float | None:
     return spent / rows if spent is not None and rows else None
 
 
-def strength(score: AttackScore) -> float | None:
+def strength(scores: Scores, attack: str, severity: int | None) -> float | None:
     """Return the EPE, or the RCRE if there is no ground truth, in pixels."""
-    value: float | None = score["rcre"] if score["epe"] is None else score["epe"]
-    return value
+    return scores.get(("epe", attack, severity), scores.get(("rcre", attack, severity)))
 
 
-def compared(scores: Sequence[AttackScore]) -> list[AttackScore]:
-    """Add the gain over noise and the warnings that depend on the scores of several attacks."""
-    by_cell = {(score["attack"], score["severity"]): strength(score) for score in scores}
-    out = []
-    for score in scores:
-        spec, error = attack_spec(score["attack"]), strength(score)
-        noise = None if spec.control == score["attack"] else by_cell.get((spec.control, score["severity"]))
-        warnings = dict(score["warnings"])
-        if spec.kind is not None and spec.kind.needs_gradients and not spec.kind.above and score["way_gone"] is None:
-            stronger = (one for one in scores if _is_stronger(one, score) and one["way_gone"] is None)
-            kinds = (attack_spec(one["attack"]).kind for one in stronger)
-            warnings |= {kind.above: score["samples"] for kind in kinds if kind is not None and kind.above}
-        gain = None if error is None or noise is None else error - noise
-        out.append({**score, "gain": gain, "warnings": warnings})
+def beside_others(scores: Scores) -> dict[MeanKey, float]:
+    """Return what depends on the numbers of several attacks: the gain over noise, and warnings."""
+    out: dict[MeanKey, float] = {}
+    cells = [(attack, severity) for measure, attack, severity in scores if measure == "attack_budget"]
+    errors = {cell: error for cell in cells if (error := strength(scores, *cell)) is not None}
+    untargeted = {cell: error for cell, error in errors.items() if ("attack_way_gone", *cell) not in scores}
+    for (attack, severity), error in errors.items():
+        spec = attack_spec(attack)
+        if attack != spec.control and (spec.control, severity) in errors:
+            out["attack_gain", attack, severity] = error - errors[spec.control, severity]
+        white_box = spec.kind is not None and spec.kind.needs_gradients and not spec.kind.above
+        if not white_box or (attack, severity) not in untargeted:
+            continue
+        for (other, at), more in untargeted.items():
+            beside = attack_spec(other)
+            above = "" if beside.kind is None else str(beside.kind.above)
+            if more > error and (beside.control, at) == (spec.control, severity) and above:
+                out[WARNING + above, attack, severity] = scores["attack_pairs", attack, severity]
     return out
 
 
-def _is_stronger(one: AttackScore, other: AttackScore) -> bool:
-    """Whether `one` is stronger than `other` at the same budget, in the same frames."""
-    controls = [(attack_spec(score["attack"]).control, score["severity"]) for score in (one, other)]
-    first, second = strength(one), strength(other)
-    return controls[0] == controls[1] and first is not None and second is not None and first > second
+def warnings_of(scores: Scores, attack: str, severity: int | None) -> dict[str, int]:
+    """Return the number of pairs with each warning, by its key."""
+    found = (key for key in scores if key[0].startswith(WARNING) and key[1:] == (attack, severity))
+    return {key[0].removeprefix(WARNING): int(scores[key]) for key in found}
 
 
-def budget_at_double(scores: Sequence[AttackScore], attack: str, clean: float | None) -> float | None:
+def budget_at_double(scores: Scores, attack: str, clean: float | None) -> float | None:
     """Find the budget in grey levels at which an attack doubles the clean error, interpolated linearly between
     severities.
     """
     if not clean:
         return None
     budget, error = 0.0, clean
-    for score in sorted((one for one in scores if one["attack"] == attack), key=lambda one: one["budget"]):
-        if score["epe"] is None:
+    budgets = {at: value for (measure, of, at), value in scores.items() if (measure, of) == ("attack_budget", attack)}
+    for severity, after in sorted(budgets.items(), key=lambda item: item[1]):
+        reached = scores.get(("epe", attack, severity))
+        if reached is None:
             return None
-        if score["epe"] >= 2 * clean:
-            share = (2 * clean - error) / (score["epe"] - error)
-            return float(budget + share * (score["budget"] - budget))
-        budget, error = score["budget"], score["epe"]
+        if reached >= 2 * clean:
+            return float(budget + (2 * clean - error) / (reached - error) * (after - budget))
+        budget, error = after, reached
     return None
-
-
-@dataclass(frozen=True)
-class CurvePoint:
-    """The error of a model at one budget of one attack."""
-
-    attack: str
-    norm: str
-    budget: float
-    metric: str
-    error: float
-    low: float | None
-    high: float | None
-    warned: bool
-
-
-def security_curves(run: Run) -> list[CurvePoint]:
-    """Compute each attack's curve over all budgets, starting with the clean frames; the attacks are in the order of the
-    run.
-    """
-    scores = attack_scores(run)
-    if not scores:
-        return []
-    metric = "rcre" if scores[0]["epe"] is None else "epe"
-    (cube,) = cubes_of({"": run.attack_rows}).values()
-    table = estimate(cube, {metric: MEASURES[metric]}, scopes_of(cube, severities=True))
-    ends = {(row["condition"], row["severity"]): (row["value"], row["low"], row["high"]) for row in table.to_dicts()}
-    # The distance from the clean flow is 0 on the clean frames for any model.
-    clean = ends.get((CLEAN, None), (0.0, None, None))
-    points = []
-    for name, norm in dict.fromkeys((score["attack"], score["norm"]) for score in scores):
-        points.append(CurvePoint(name, norm, 0.0, metric, *clean, warned=False))
-        for score in sorted((one for one in scores if one["attack"] == name), key=lambda one: one["budget"]):
-            if (name, score["severity"]) in ends:
-                here = ends[name, score["severity"]]
-                points.append(CurvePoint(name, norm, score["budget"], metric, *here, warned=bool(score["warnings"])))
-    return points
 
 
 @dataclass(frozen=True)
@@ -168,10 +149,7 @@ def predictions(runs: Sequence[Run]) -> list[Prediction]:
     if len(named) < 2:
         return []
     unranked = {name: why for name, why in zip(every, exclusions(runs), strict=True) if why}
-    warned = {
-        name: {(score["attack"], score["severity"]): set(score["warnings"]) for score in attack_scores(run)}
-        for name, run in named.items()
-    }
+    scores = {name: attack_means(run) for name, run in named.items()}
     metric = "rcre" if any(run.cre is None for run in named.values()) else "cre"
     common = common_to(named)
     samples = set.intersection(*(set(rows.filter(corruption=CLEAN)["sample"]) for rows in common.rows.values()))
@@ -183,7 +161,7 @@ def predictions(runs: Sequence[Run]) -> list[Prediction]:
             continue
         shared = sorted(set(next(iter(attacked.values())).filter(corruption=attack)["severity"]))
         warnings = {
-            name: {key for level in shared for key in warned[name].get((attack, level), ())} for name in attacked
+            name: {key for level in shared for key in warnings_of(scores[name], attack, level)} for name in attacked
         }
         left_out = {name: unranked[name] for name in attacked if name in unranked}
         for name, keys in warnings.items():

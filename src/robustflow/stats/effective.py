@@ -9,43 +9,39 @@ residual is reported as a factor: 0.8 means a corrupted error 20 % below the pre
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping
+from typing import NamedTuple
 
 import numpy as np
 
 from ..core.errors import UsageError
-from .model_result import ModelResult
+from .lines import LineKey, Lines
 from .ranking import LEAST_MODELS
 from .results import AVERAGE, CLEAN
 
 
-@dataclass(frozen=True)
-class EffectiveRobustness:
-    """A model compared with the trend of the other models."""
+class Effective(NamedTuple):
+    """A model compared with the trend of the other models: errors in pixels, and the corrupted one as a share of the
+    expected one."""
 
-    line: ModelResult
     clean: float
     corrupted: float
     expected: float
     factor: float
-    slope: float
-    r_squared: float
 
 
-def effective_robustness(
-    results: Sequence[ModelResult], *, by_setting: bool = True
-) -> dict[str, list[EffectiveRobustness]]:
-    """Compare each model's corrupted EPE with the prediction from its clean EPE."""
-    groups: dict[str, list[tuple[ModelResult, float, float]]] = {}
-    for line in results:
-        clean, corrupted = line.number("epe", CLEAN) or 0.0, line.number("epe", AVERAGE) or 0.0
+def effective_robustness(lines: Lines, *, by_setting: bool = True) -> dict[str, dict[LineKey, Effective]]:
+    """Compare each model's corrupted EPE with the prediction from its clean EPE, by setting; the lowest factor is
+    first."""
+    groups: dict[str, dict[LineKey, tuple[float, float]]] = {}
+    for key, numbers in lines.items():
+        clean, corrupted = numbers.number("epe", CLEAN) or 0.0, numbers.number("epe", AVERAGE) or 0.0
         if clean > 0 and corrupted > 0:
-            groups.setdefault(line.setting if by_setting else "", []).append((line, clean, corrupted))
+            groups.setdefault(key.setting if by_setting else "", {})[key] = clean, corrupted
     of_setting = {
-        setting: sorted(_against_trend(group), key=lambda one: one.factor)
+        setting: dict(sorted(_against_trend(group).items(), key=lambda item: item[1].factor))
         for setting, group in groups.items()
-        if len(group) >= LEAST_MODELS and len({clean for _, clean, _ in group}) > 2
+        if len(group) >= LEAST_MODELS and len({clean for clean, _ in group.values()}) > 2
     }
     if not of_setting:
         raise UsageError(
@@ -54,14 +50,12 @@ def effective_robustness(
     return of_setting
 
 
-def _against_trend(group: Sequence[tuple[ModelResult, float, float]]) -> list[EffectiveRobustness]:
-    clean, corrupted = np.log([(clean, corrupted) for _, clean, corrupted in group]).T
-    slope = float(np.polyfit(clean, corrupted, 1)[0])
-    r_squared = float(np.corrcoef(clean, corrupted)[0, 1] ** 2)
-    out = []
-    for index, one in enumerate(group):
+def _against_trend(group: Mapping[LineKey, tuple[float, float]]) -> dict[LineKey, Effective]:
+    clean, corrupted = np.log([*group.values()]).T
+    out = {}
+    for index, (key, errors) in enumerate(group.items()):
         others = np.arange(len(group)) != index
         trend = np.polyfit(clean[others], corrupted[others], 1)
         expected = math.exp(float(np.polyval(trend, clean[index])))
-        out.append(EffectiveRobustness(*one, expected, one[2] / expected, slope, r_squared))
+        out[key] = Effective(*errors, expected, errors[1] / expected)
     return out

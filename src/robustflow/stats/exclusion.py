@@ -4,11 +4,12 @@ a flow that hardly depends on the frames. What runs without ground truth or on s
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from statistics import median_low
 
 import polars as pl
 
+from ..core.text import plain
 from ..data.benchmarks import benchmark_facts
 from ..data.benchmarks.facts import is_still
 from ..metrics.cube import Cube, averaged_rows
@@ -91,6 +92,11 @@ def exclusions(runs: Sequence[Run]) -> list[str]:
                     f"{median_low(others):.2f} px median of the other models"
                 )
     return list(map(" and ".join, reasons))
+
+
+def not_ranked(reasons: Mapping[str, str]) -> list[str]:
+    """Return "<name>, because <reason>" for each model that is not ranked, from the reasons by name ("" for none)."""
+    return [f"{plain(name)}, because {reason}" for name, reason in reasons.items() if reason]
 
 
 def reasons_from_rows(rows: pl.DataFrame) -> list[str]:

@@ -3,51 +3,36 @@ and exports show a part."""
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from typing import Any
 
 import polars as pl
 
 from ..core.errors import DataError
 from ..core.text import plain
-from ..corruptions.registry import MEMBERS
-from ..metrics.cube import AVERAGE, PAPER, Cube, MeanKey, Means
-from ..metrics.measures import CONFIDENCE, LEADING, MEASURES, METRICS, UNCOUPLED
+from ..metrics.cube import AVERAGE, PAPER
+from ..metrics.measures import LEADING, MEASURES
+from ..metrics.regions import REGIONS
 from ..metrics.rows import CLEAN
 from ..run.comparable import named_runs, sample_set
-from ..run.costs import RunCost
 from ..run.run import Run
-from .attacks import attack_scores
-from .estimate import OVERALL_SCOPES, contrast, cubes_of
+from .estimate import CONTRASTS, ESTIMATES, OVERALL_SCOPES, contrast, cubes_of
 from .exclusion import exclusions
-from .intervals import interval_ends
-from .ranking import partial_spearman, spearman
-from .results import NEVER_RANKED
-from .run_results import comparison_notes
-from .verdict import verdict_of
+from .intervals import ESTIMATED, estimates_of, paper_rows
+from .notes import comparison_notes
+from .numbers import NUMBERS, covered, run_means
+from .results import NEVER_RANKED, RESULT_METRICS
+from .verdict import compared, verdict_of
 
-RESULTS_SCHEMA: dict[str, type[pl.DataType]] = {
-    "benchmark": pl.String,
-    "model": pl.String,
-    "sample_set": pl.String,
-    "setting": pl.String,
-    "measure": pl.String,
-    "condition": pl.String,
+RESULTS_SCHEMA: dict[str, Any] = {
+    **dict.fromkeys(("benchmark", "model", "sample_set", "setting", "measure", "condition"), pl.String),
     "severity": pl.Int64,
     "against": pl.String,
-    "value": pl.Float64,
-    "low": pl.Float64,
-    "high": pl.Float64,
-    "p": pl.Float64,
-    "p_adjusted": pl.Float64,
-    "wins": pl.Int64,
+    **{name: kind for name, kind in (ESTIMATES | CONTRASTS).items() if name != "left_out"},
     "letter": pl.String,
-    "pairs": pl.Int64,
-    "source": pl.String,
-    "note": pl.String,
+    "deviation": pl.Float64,
+    **dict.fromkeys(("source", "note", "excluded", "origin"), pl.String),
     "coverage": pl.Float64,
-    "excluded": pl.String,
-    "origin": pl.String,
     "decimals": pl.Int64,
     "marked": pl.Boolean,
 }
@@ -56,23 +41,30 @@ corruption, a region of the image, or an attack; `severity` is null for a mean o
 ends of the 95 % interval, where one was computed. A row with `against` is the difference from that model (see
 `estimate.CONTRASTS`), with the p-values and the number of images on which `model` is better; models that share a
 `letter` of the group cannot be told apart. Models of one `sample_set` measured the same frames and may be
-compared. `source` is "measured", "verified record", "published" or "claimed" (by a results file without rows). `note`
-says what was measured, `coverage` is the share of the pixels that the errors include (null for all), and `excluded` the
-reason why the model is not ranked (""). Of one number, `origin` is the table or the run that it is from, `decimals` the
-number of its printed decimals (null if it was not rounded), and `marked` whether its source sets it in bold (null if
-that marks nothing)."""
+compared. `source` is "measured", "verified record", "published", "claimed" (by a results file without rows) or "seeds"
+(a mean over runs, with their standard `deviation`). `note` says what was measured, `coverage` is the share of the
+pixels that the errors include (null for all), and `excluded` the reason why the model is not ranked (""). Of one
+number, `origin` is the table or the run that it is from, `decimals` the number of its printed decimals (null if it was
+not rounded), and `marked` whether its source sets it in bold (null if that marks nothing)."""
 
 LINE = ("benchmark", "sample_set", "setting", "model")
 """The columns that a line of a results table has in common."""
+MEASURED = ("measured", "verified record")
+"""The sources of runs."""
+DERIVED = "other values of the line"
+"""The origin of a number that its line does not give, but that follows from its other numbers."""
 
 KINDS = ("means", "confidence", "uncoupled", "attacks")
 """Parts of the frame of each run: the means of `robustflow.metrics.MEASURES`, and the measures of confidence, of
-robustness beside accuracy, and of attacks."""
-CONTRAST = "contrasts"
-"""The part of the frame with the paired tests of every two runs of a sample set, and the group letters."""
-
-LEAST_IMAGES = 5
-"""Minimum number of images for a correlation."""
+robustness beside accuracy, and of attacks. "facts" are the cost of the model and what a run lacks."""
+CONTRAST, VERDICT = "contrasts", "verdicts"
+"""Parts of the frame with paired tests and group letters: of every two runs of a sample set in every measure, or only
+the tests that decide who leads within a setting."""
+MOST_COMPARED = 20
+"""Maximum number of models of a setting that are tested against each other and have a group letter."""
+ERRORS = (("epe", AVERAGE), ("rcre", AVERAGE), ("epe", CLEAN))
+"""The error by which models are sorted: the EPE under corruption, or the RCRE without ground truth. Sorting by CRE
+would put the knowledge-driven methods first because their clean error is already high."""
 
 
 def results_frame(
@@ -90,21 +82,18 @@ def results_frame(
     parts, named = [pl.DataFrame(schema=RESULTS_SCHEMA)], named_runs(runs)
     notes = notes or comparison_notes(runs, beside_published)
     reasons = exclusions(runs)
-    letters, tests = _contrasts(named, reasons) if CONTRAST in kinds else ({}, pl.DataFrame(schema=_TESTS))
+    letters, tests = _compared(named, reasons, kinds, beside_published)
     for (name, run), note, excluded in zip(named.items(), notes, reasons, strict=True):
-        values = [(*key, value) for kind in kinds if kind != CONTRAST for key, value in _NUMBERS[kind](run).items()]
-        part = pl.DataFrame(values, schema=_VALUES, orient="row")
-        if beside_published and run.measured.paper_over:
-            part = part.filter(pl.col("condition") != AVERAGE)
-            part = part.with_columns(pl.col("condition").replace(PAPER, AVERAGE))
-        wanted = intervals and "means" in kinds
-        known = interval_ends(run, detailed, beside_published).items() if wanted else ()
-        ends = pl.DataFrame([(*key, *pair) for key, pair in known], schema=_ENDS, orient="row")
-        ends = ends.with_columns(severity=pl.lit(None, pl.Int64))
-        part = part.join(ends, on=["measure", "condition", "severity"], how="left", nulls_equal=True)
+        rows = [row for kind in kinds if kind in NUMBERS for row in NUMBERS[kind](run, beside_published)]
+        part = pl.DataFrame(rows, _NUMBER)
+        if intervals and "means" in kinds:
+            known = pl.DataFrame(estimates_of(run, detailed, beside_published), _ESTIMATED, orient="row")
+            part = part.join(known, on=ESTIMATED[:3], how="left", nulls_equal=True, maintain_order="left")
+            part = part.with_columns(pl.coalesce(end, f"{end}_right").alias(end) for end in ("low", "high"))
+            part = part.drop("low_right", "high_right")
         led = (pl.col("measure") == LEADING) & (pl.col("condition") == AVERAGE) & pl.col("severity").is_null()
         part = part.with_columns(letter=pl.when(led).then(pl.lit(letters.get(name), pl.String)))
-        part = pl.concat([part, tests.filter(model=name).drop("model")], how="diagonal")
+        part = pl.concat([part, tests.filter(model=name).drop("model", "left_out")], how="diagonal")
         facts = {
             "benchmark": run.benchmark,
             "model": name,
@@ -117,29 +106,54 @@ def results_frame(
             "origin": run.manifest.identity_digest,
         }
         typed = {column: pl.lit(fact, RESULTS_SCHEMA[column]) for column, fact in facts.items()}
-        pairs = pl.col("pairs").fill_null(run.measured.samples)
-        parts.append(part.with_columns(pairs, **typed))
+        parts.append(part.with_columns(pl.col("pairs").fill_null(run.measured.samples), **typed))
     return pl.concat(parts, how="diagonal")
 
 
-def _contrasts(named: Mapping[str, Run], reasons: Sequence[str]) -> tuple[dict[str, str], pl.DataFrame]:
-    """Return the group letter of each ranked run within its setting, and the tests of every two runs of a sample set on
-    the clean frames and on average, each corrected for all pairs."""
-    rows: dict[str, dict[str, pl.DataFrame]] = {}
-    ranked: dict[tuple[str, str], dict[str, pl.DataFrame]] = {}
-    for (name, run), reason in zip(named.items(), reasons, strict=True):
-        rows.setdefault(sample_set(run), {})[name] = run.rows
-        if not reason:
-            ranked.setdefault((sample_set(run), run.setting), {})[name] = run.rows
-    letters: dict[str, str] = {}
-    tests = [pl.DataFrame(schema=_TESTS)]
-    for of_set in rows.values():
-        if len(of_set) > 1:
-            cubes = cubes_of(of_set)
-            tests += [contrast(cubes, MEASURES, [scope]).select(_TESTS.keys()) for scope in OVERALL_SCOPES]
-    for of_setting in ranked.values():
-        letters |= verdict_of(of_setting).letters
-    return letters, pl.concat(tests)
+_NUMBER = {
+    name: RESULTS_SCHEMA[name]
+    for name in ("measure", "condition", "severity", "value", "low", "high", "pairs", "decimals")
+}
+_ESTIMATED = {name: RESULTS_SCHEMA[name] for name in ESTIMATED}
+
+
+def _compared(
+    named: Mapping[str, Run], reasons: Sequence[str], kinds: Collection[str], beside_published: bool
+) -> tuple[dict[str, str], pl.DataFrame]:
+    """Return the group letter of each ranked run within its setting, and the tests of runs of a sample set on the clean
+    frames and on average, each corrected for all pairs that are tested together."""
+    letters, tests = dict[str, str](), [pl.DataFrame(schema=CONTRASTS)]
+    of_set: dict[str, list[str]] = {}
+    for name, run in named.items() if {CONTRAST, VERDICT} & {*kinds} else ():
+        of_set.setdefault(sample_set(run), []).append(name)
+    rank = {name: _error(run, beside_published) for name, run in named.items()} if of_set else {}
+    excluded = dict(zip(named, reasons, strict=True))
+
+    def rows(names: Iterable[str]) -> dict[str, pl.DataFrame]:
+        return {name: paper_rows(named[name]) if beside_published else named[name].rows for name in names}
+
+    for names in of_set.values():
+        if CONTRAST in kinds and len(names) > 1:
+            cubes = cubes_of(rows(names))
+            tests += [contrast(cubes, MEASURES, [scope]) for scope in OVERALL_SCOPES]
+        of_setting: dict[str, list[str]] = {}
+        for name in sorted(names, key=lambda name: (rank[name], name)):
+            if not excluded[name] and rank[name] is not None:
+                of_setting.setdefault(named[name].setting, []).append(name)
+        together = [best[:MOST_COMPARED] for best in of_setting.values() if len(best) > 1]
+        for best in together:
+            found = compared(rows(best), explained=False)
+            letters |= verdict_of(found).letters
+            tests += [found] * (VERDICT in kinds)
+        if VERDICT in kinds and not together and len(of_setting) > 1:  # the lowest two, of different settings
+            two = [best[0] for best in of_setting.values()][:2]
+            tests.append(compared(rows(two), explained=False))
+    return letters, pl.concat(tests, how="diagonal")
+
+
+def _error(run: Run, beside_published: bool) -> float | None:
+    means = run_means(run, beside_published)
+    return next((value for key in ERRORS[:2] if (value := means.get((*key, None))) is not None), None)
 
 
 def given_frame(rows: Iterable[dict[str, Any]], where: str = "") -> pl.DataFrame:
@@ -166,82 +180,10 @@ def line_by_line(frame: pl.DataFrame) -> pl.DataFrame:
     return frame.sort(pl.int_range(pl.len()).min().over(LINE), maintain_order=True)
 
 
-def covered(run: Run) -> float | None:
-    """Return the fraction of pixels included in the errors; None for all pixels. Pixels without a predicted flow and
-    planned rows that are missing are not included."""
-    predicted = run.mean("coverage") if run.averages.has_gaps else None
-    if not run.measured.missing:
-        return predicted
-    missing = sum(cells.count for cells in run.measured.missing)
-    planned = sum(part.count(attacks=False) for part in run.manifest.planned)
-    return (1.0 if predicted is None else predicted) * (1 - missing / planned)
-
-
-_VALUES = {name: RESULTS_SCHEMA[name] for name in ("measure", "condition", "severity", "value")}
-_TESTS = {
-    name: RESULTS_SCHEMA[name]
-    for name in ("model", *_VALUES, "against", "low", "high", "p", "p_adjusted", "wins", "pairs")
-}
-_ENDS = {name: RESULTS_SCHEMA[name] for name in ("measure", "condition", "low", "high")}
-
-
-def confidence_means(rows: pl.DataFrame) -> Means:
-    """Return how well the confidence predicts errors, also by family and severity; empty if the run has none."""
-    known = rows.filter(pl.col("ause").is_not_null() | pl.col("rejected_count").is_not_null())
-    return Cube.of(known, MEMBERS).means(CONFIDENCE) if known.height else {}
-
-
-def uncoupled_means(rows: pl.DataFrame) -> Means:
-    """Return measures of robustness that depend less on accuracy than CRE (`UNCOUPLED`), and the rank correlation over
-    images of the corrupted and the clean EPE, also given the motion."""
-    return Cube.of(rows, MEMBERS).means(UNCOUPLED) | dict(_correlations(rows))
-
-
-def _correlations(rows: pl.DataFrame) -> Iterator[tuple[MeanKey, float]]:
-    n = pl.col("n_valid")
-    known = rows.filter(n > 0)
-    images = known.filter(pl.col("corruption") != CLEAN).join(known.filter(corruption=CLEAN), on="sample", how="semi")
-    for condition in (AVERAGE, *images["corruption"].unique().sort()):
-        part = images if condition == AVERAGE else images.filter(corruption=condition)
-        per_image = (pl.col(total) / n for total in ("epe_sum", "clean_epe_sum", "magnitude_sum"))
-        each = part.group_by("sample", maintain_order=True).agg(value.mean() for value in per_image)
-        if each.height < LEAST_IMAGES:
-            continue
-        epe, before, motion = (each[name].to_list() for name in each.columns[1:])
-        found = {"rank_correlation": spearman(epe, before)}
-        found["rank_correlation_given_motion"] = partial_spearman(epe, before, motion)
-        yield from (((name, condition, None), value) for name, value in found.items() if value is not None)
-
-
-def attack_means(run: Run) -> Means:
-    """Return the numbers of `attack_scores`, with the prefix "attack_" except for the metrics, and the number of pairs
-    with each warning as "warning KEY"."""
-    out: dict[MeanKey, float] = {}
-    for score in attack_scores(run):
-        at = score["attack"], score["severity"]
-        numbers: dict[str, Any] = {
-            name if name in METRICS else f"attack_{name}": value
-            for name, value in score.items()
-            if isinstance(value, int | float) and name not in ("severity", "samples")
-        }
-        numbers |= {f"warning {key}": count for key, count in score["warnings"].items()}
-        out |= {(name, *at): float(value) for name, value in numbers.items()}
-    return out
-
-
-def _facts(run: Run) -> Means:
-    """Return the cost of the model, and `covered`."""
-    cost, share = RunCost.read(run), covered(run)
-    known: Means = {} if share is None else {("coverage", "", None): share}
-    if cost is not None:
-        known |= {("parameters", "", None): cost.parameters_m, ("flops", "", None): cost.flops_g}
-    return known
-
-
-_NUMBERS = {
-    "means": lambda run: run.means,
-    "confidence": lambda run: confidence_means(run.rows),
-    "uncoupled": lambda run: uncoupled_means(run.rows),
-    "attacks": attack_means,
-    "facts": _facts,
-}
+def of_results(frame: pl.DataFrame) -> pl.DataFrame:
+    """Return the rows that results files have: of runs, the clean EPE and the EPE, CRE, RCRE and CREr over severities;
+    of others, all of these measures that they give."""
+    error = (pl.col("condition") == CLEAN) & (pl.col("measure") == "epe")
+    means = ~pl.col("condition").is_in([CLEAN, PAPER, *REGIONS])
+    whole = pl.col("severity").is_null() & pl.col("against").is_null() & pl.col("measure").is_in(RESULT_METRICS)
+    return frame.filter(whole & (error | means | ~pl.col("source").is_in(MEASURED)))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from itertools import chain, combinations_with_replacement
 from string import ascii_letters
 from typing import Any
@@ -106,16 +106,16 @@ def standings(pairs: pl.DataFrame, names: Sequence[str]) -> pl.DataFrame:
     return pl.DataFrame(records, schema=STANDINGS_SCHEMA, orient="row").sort("rank", "model")
 
 
-def group_letters(pairs: pl.DataFrame, names: Sequence[str]) -> dict[str, str]:
+def group_letters(pairs: Iterable[Mapping[str, Any]], names: Sequence[str]) -> dict[str, str]:
     """Return the letters of each model, of which two models share one unless a test tells them apart (the compact
     letter display of Piepho 2004). "a" is the group of the first name.
 
     >>> rows = [{"model": "A", "against": "C", "p_adjusted": 0.01, "value": -1.0}]
-    >>> group_letters(pl.DataFrame(rows), ["A", "B", "C"])
+    >>> group_letters(rows, ["A", "B", "C"])
     {'A': 'a', 'B': 'ab', 'C': 'b'}
     """
     groups, alike = [frozenset(names)], set(map(frozenset, combinations_with_replacement(names, 2)))
-    for row in filter(is_sure, pairs.iter_rows(named=True)):
+    for row in filter(is_sure, pairs):
         two = frozenset((row["model"], row["against"]))
         alike.discard(two)
         groups = [part for group in groups for part in ([group - {one} for one in two] if two <= group else [group])]

@@ -23,7 +23,7 @@ from ..core.text import text_cell
 from ..corruptions.condition import condition_of
 from ..corruptions.registry import MEMBERS, ON_DISK
 from ..metrics.measures import MEASURES
-from .frame import given_frame, line_by_line
+from .frame import given_frame, line_by_line, of_results
 from .results import AVERAGE, CLEAN, RESULT_METRICS
 
 ELSEWHERE = ("brightness", "motion_blur", "rain", "speckle_noise", "zoom_blur")
@@ -148,8 +148,8 @@ def results_csv(frame: pl.DataFrame) -> str:
     writer = csv.writer(out, lineterminator="\n")
     writer.writerow([*_WRITTEN, "origin"])
     marks = {mark: text for text, mark in _MARKED.items()}
-    of_metrics = pl.col("measure").is_in(RESULT_METRICS) & ~pl.col("condition").is_in(list(MEMBERS))
-    for row in line_by_line(frame.filter(of_metrics)).iter_rows(named=True):
+    single = of_results(frame).filter(~pl.col("condition").is_in(list(MEMBERS)))
+    for row in line_by_line(single).iter_rows(named=True):
         texts = (row[name] for name in _TEXTS)
         share = "" if row["coverage"] is None else repr(row["coverage"])
         number = _unrounded(row["value"]) if row["decimals"] is None else f"{row['value']:.{row['decimals']}f}"

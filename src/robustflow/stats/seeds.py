@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from statistics import mean, stdev
 
 import polars as pl
 
 from ..core.files import digest_of_value
 from ..core.text import joined
 from ..metrics.rows import CLEAN
-from ..run.comparable import common_cells, measured_cells, omitted_rows, run_names, sample_set, sample_set_of
+from ..run.comparable import common_cells, measured_cells, omitted_rows, run_names, sample_set_of
 from ..run.run import Run
 
 
@@ -21,25 +22,6 @@ class BySeed:
 
     rows: Mapping[int, pl.DataFrame]
     remark: str
-
-
-@dataclass(frozen=True)
-class SeedGroup:
-    """A group of runs that differ only in the seed."""
-
-    name: str
-    seeds: tuple[int, ...]
-    runs: tuple[tuple[str, str], ...]
-
-    @property
-    def label(self) -> str:
-        """The heading for the group's means, for example "DIS, 3 seeds"."""
-        return f"{self.name}, {len(self.seeds)} seeds"
-
-    @property
-    def note(self) -> str:
-        """A note that explains the group's numbers."""
-        return f"mean ± standard deviation over the seeds {joined(list(map(str, self.seeds)))}"
 
 
 def seeds_of(runs: Sequence[Run]) -> BySeed | None:
@@ -53,19 +35,47 @@ def seeds_of(runs: Sequence[Run]) -> BySeed | None:
     return BySeed(dict(zip(seeds, rows, strict=True)), omitted_rows(every, rows, run_names(runs)))
 
 
-def seed_groups(runs: Sequence[Run]) -> list[SeedGroup]:
-    """Find the groups of runs that differ only in the seed and have all rows in common."""
-    alike: dict[tuple[str, str], list[int]] = {}
-    for index, run in enumerate(runs):
-        alike.setdefault(_settings(run), []).append(index)
+def seed_groups(runs: Sequence[Run]) -> dict[str, list[Run]]:
+    """Find the groups of runs that differ only in the seed and have all rows in common, by the name of their model."""
+    alike: dict[tuple[str, str], list[Run]] = {}
+    for run in runs:
+        alike.setdefault(_settings(run), []).append(run)
     members = list(alike.values())
-    known = [seeds_of([runs[index] for index in one]) if len(one) > 1 else None for one in members]
-    names, models = run_names(runs), run_names([runs[one[0]] for one in members])
-    return [
-        SeedGroup(model, tuple(by_seed.rows), tuple((sample_set(runs[index]), names[index]) for index in one))
-        for one, model, by_seed in zip(members, models, known, strict=True)
+    names = run_names([group[0] for group in members])
+    known = {name: seeds_of(group) if len(group) > 1 else None for name, group in zip(names, members, strict=True)}
+    return {
+        name: group
+        for (name, by_seed), group in zip(known.items(), members, strict=True)
         if by_seed is not None and not by_seed.remark
-    ]
+    }
+
+
+def with_seeds(frame: pl.DataFrame, runs: Sequence[Run]) -> pl.DataFrame:
+    """Add a line for each group of runs that differ only in the seed, after the last of them: the means over the seeds
+    of what all of them have, with their standard `deviation`. Runs of one group in different settings have none."""
+    for name, group in seed_groups(runs).items():
+        of_group = pl.col("origin").is_in([run.manifest.identity_digest for run in group])
+        members = frame.filter(of_group & pl.col("against").is_null()).group_by(
+            *("benchmark", "setting", "measure", "condition", "severity"), maintain_order=True
+        )
+        each = members.agg(
+            pl.col("sample_set", "excluded", "pairs", "origin").last(),
+            *("value", pl.col("decimals").first()),
+        ).filter(pl.col("value").list.len() == len(group))
+        if each.is_empty():
+            continue
+        values = each["value"].to_list()
+        seeds = joined([str(run.manifest.identity.frames.seed) for run in group])
+        means = each.with_columns(
+            model=pl.lit(f"{name}, {len(group)} seeds"),
+            source=pl.lit("seeds"),
+            note=pl.lit(f"mean ± standard deviation over the seeds {seeds}"),
+            value=pl.Series(map(mean, values), dtype=pl.Float64),
+            deviation=pl.Series(map(stdev, values), dtype=pl.Float64),
+        )
+        last = 1 + (frame["origin"] == group[-1].manifest.identity_digest).arg_true().max()  # type: ignore[operator]
+        frame = pl.concat([frame[:last], means, frame[last:]], how="diagonal")
+    return frame
 
 
 def _settings(run: Run) -> tuple[str, str]:

@@ -20,11 +20,11 @@ from ..metrics.cube import AVERAGE, Cube
 from ..metrics.measures import LABELS, LEADING, MEASURES, UNCOUPLED
 from ..metrics.rows import CLEAN
 from ..run.comparable import common_rows
-from .estimate import BLOW_UP, OVERALL_SCOPES, contrast, cubes_of
+from .estimate import BLOW_UP, CONTRASTS, OVERALL_SCOPES, contrast, cubes_of
 from .inference import FEWEST
 from .paired import better_of, group_letters, is_sure, worse_of
 
-Kind = Literal["leads", "trade-off", "not decided", "only one", "nothing"]
+Kind = Literal["leads", "trade-off", "not decided", "not tested"]
 WITHOUT_TRUTH = ("rcre", "photometric")
 """The measures in which a leader must be better without ground truth."""
 _MOST_NAMED = 3
@@ -40,7 +40,7 @@ class Verdict:
     """What may be said about the models of one setting on the same frames.
 
     Attributes:
-        kind: "leads", "trade-off", "not decided", "only one" or "nothing".
+        kind: "leads", "trade-off", "not decided" or "not tested".
         names: the model with the lowest error; then those that are better on the clean frames ("trade-off") or that
             cannot be told apart from it ("not decided").
         measures: the measures that decide.
@@ -71,8 +71,8 @@ class Verdict:
 
     @property
     def sentence(self) -> str:
-        """The verdict and its remarks in words; "" for fewer than two models."""
-        if self.kind in ("only one", "nothing"):
+        """The verdict and its remarks in words; "" if nothing was tested."""
+        if self.kind == "not tested":
             return ""
         lowest = f"{plain(self.names[0])} has the lowest {LABELS[self.measures[0]]} under corruption; {self.ending()}."
         return " ".join([lowest, *self.remarks])
@@ -83,50 +83,72 @@ def _names(names: Sequence[str]) -> str:
     return first_of(shown, _MOST_NAMED) if len(shown) > _MOST_NAMED else joined(shown)
 
 
-def verdict_of(rows: Mapping[str, pl.DataFrame]) -> Verdict:
-    """Return the verdict on the ranked models of one setting on the same frames, from their rows by name."""
+def compared(rows: Mapping[str, pl.DataFrame], *, explained: bool = True) -> pl.DataFrame:
+    """Return what decides between several models, from their rows by name, as part of a results frame: the tests of
+    every two of them in the measures that decide and, if it is to be `explained`, the means that remarks are about.
+    Fewer than two models, or models without anything in common, have no tests."""
     if len(rows) < 2:
-        return Verdict("only one" if rows else "nothing", tuple(rows))
+        return pl.DataFrame(schema=CONTRASTS)
     try:
         common, _ = common_rows(list(rows.values()), list(rows))
         cubes = cubes_of(dict(zip(rows, common, strict=True)))
         known = (some for some in ((LEADING,), WITHOUT_TRUTH) if _known(some, cubes.values()))
-        measures = next(known, WITHOUT_TRUTH[:1])
-        tests = contrast(cubes, {name: MEASURES[name] for name in measures}, OVERALL_SCOPES)
+        decisive = {name: MEASURES[name] for name in next(known, WITHOUT_TRUTH[:1])}
+        tests = contrast(cubes, decisive, OVERALL_SCOPES)
     except RunError:
-        return Verdict("not decided", measures=(LEADING,))
-    return _decided(cubes, measures, tests)
+        return pl.DataFrame(schema=CONTRASTS)
+    beside = {**_EXPLAIN, "photometric": MEASURES["photometric"]} if explained else {}
+    means = [
+        (model, name, *at, value)
+        for model, cube in cubes.items()
+        for (name, *at), value in cube.means(beside, [(AVERAGE, None)]).items()
+    ]
+    columns = {name: CONTRASTS[name] for name in ("model", "measure", "condition", "severity", "value")}
+    return pl.concat([pl.DataFrame(means, columns, orient="row"), tests], how="diagonal")
 
 
 def _known(measures: Sequence[str], cubes: Iterable[Cube]) -> bool:
-    return all(_mean(cube, name, AVERAGE) is not None for cube in cubes for name in measures)
+    return all(cube.mean(MEASURES[name], AVERAGE) is not None for cube in cubes for name in measures)
 
 
-def _mean(cube: Cube, measure: str, condition: str) -> float | None:
-    return cube.mean(MEASURES[measure], condition)
+_Means = Mapping[tuple[str, str], float]
+"""Means over all corruptions by model and measure."""
 
 
-def _decided(cubes: Mapping[str, Cube], measures: Sequence[str], tests: pl.DataFrame) -> Verdict:
+def verdict_of(frame: pl.DataFrame) -> Verdict:
+    """Return the verdict on the ranked models of one setting on the same frames, from their tests and means: rows of
+    the results frame, or of `compared`."""
+    whole = frame.filter(pl.col("severity").is_null())
+    tests = whole.filter(pl.col("against").is_not_null())
+    known = set(tests["measure"])
+    measures = tuple(name for name in ((LEADING,) if LEADING in known else WITHOUT_TRUTH) if name in known)
+    if not measures:
+        return Verdict("not tested")
+    averages = whole.filter(pl.col("against").is_null(), condition=AVERAGE).select("model", "measure", "value")
+    means = {(model, measure): value for model, measure, value in averages.iter_rows()}
+    return _decided(measures, tests.filter(pl.col("measure").is_in(measures)).to_dicts(), means)
+
+
+def _decided(measures: tuple[str, ...], tests: Sequence[dict[str, Any]], means: _Means) -> Verdict:
     """Decide from the tests of every two models on the clean frames and on average."""
-    lines = tests.to_dicts()
-    shown = {(row["measure"], row["condition"], better_of(row), worse_of(row)) for row in filter(is_sure, lines)}
-    values = {name: _mean(cube, measures[0], AVERAGE) for name, cube in cubes.items()}
-    first, *others = sorted(cubes, key=lambda name: (values[name], name))
+    shown = {(row["measure"], row["condition"], better_of(row), worse_of(row)) for row in filter(is_sure, tests)}
+    led = [row for row in tests if (row["measure"], row["condition"]) == (measures[0], AVERAGE)]
+    errors = {row[whose]: row[f"value_{whose}"] for row in led for whose in ("model", "against")}
+    first, *others = sorted(errors, key=lambda name: (errors[name], name))
     beyond_rcre = len(measures) > 1 or measures[0] == LEADING
     tied = [o for o in others if not beyond_rcre or any((m, AVERAGE, first, o) not in shown for m in measures)]
     cleaner = [o for o in others if (measures[-1], CLEAN, o, first) in shown]
     kind: Kind = "not decided" if tied else "trade-off" if cleaner else "leads"
     open_pairs = [{first, name} for name in tied]
-    of_first = [row for row in lines if {row["model"], row["against"]} in open_pairs and row["condition"] == AVERAGE]
+    of_first = [row for row in tests if {row["model"], row["against"]} in open_pairs and row["condition"] == AVERAGE]
     remarks = [*_reservations(first, of_first), *_clean_remark(cleaner if tied else ())]
-    led = tests.filter(measure=LEADING, condition=AVERAGE)
     letters = group_letters(led, [first, *others]) if measures[0] == LEADING else {}
     if measures[0] == LEADING:
         worse = [o for o in others if (LEADING, AVERAGE, first, o) in shown]
-        remarks += _reversals(first, {name: cubes[name] for name in (first, *worse)})
+        remarks += _reversals(first, worse, means)
     else:
-        remarks += _photometric_remark(first, cubes)
-    return Verdict(kind, (first, *(tied or cleaner)), tuple(measures), len(cubes), letters, tuple(remarks))
+        remarks += _photometric_remark(first, [first, *others], means)
+    return Verdict(kind, (first, *(tied or cleaner)), measures, 1 + len(others), letters, tuple(remarks))
 
 
 def _reservations(first: str, of_first: Sequence[Mapping[str, Any]]) -> list[str]:
@@ -151,13 +173,12 @@ def _clean_remark(cleaner: Sequence[str]) -> list[str]:
     return [f"On the clean frames, {_names(cleaner)} {'is' if len(cleaner) == 1 else 'are'} better."] if cleaner else []
 
 
-def _reversals(first: str, cubes: Mapping[str, Cube]) -> list[str]:
+def _reversals(first: str, worse: Sequence[str], means: _Means) -> list[str]:
     """Name the measures that prefer a model whose EPE is shown to be higher than that of the first one."""
     by_names: dict[tuple[str, ...], list[str]] = {}
-    for measure in _EXPLAIN.values():
-        values = {model: cube.mean(measure, AVERAGE) for model, cube in cubes.items()}
-        least = values.pop(first)
-        ahead = tuple(model for model, value in values.items() if _is_visibly_less(value, least))
+    for name, measure in _EXPLAIN.items():
+        least = means.get((first, name))
+        ahead = tuple(model for model in worse if _is_visibly_less(means.get((model, name)), least))
         if ahead:
             by_names.setdefault(ahead, []).append(measure.label)
     return [
@@ -171,10 +192,10 @@ def _is_visibly_less(value: float | None, least: float | None) -> bool:
     return value is not None and least is not None and value < least and f"{least - value:.2f}" != "0.00"
 
 
-def _photometric_remark(first: str, cubes: Mapping[str, Cube]) -> list[str]:
+def _photometric_remark(first: str, models: Iterable[str], means: _Means) -> list[str]:
     """Say which flow from the corrupted frames explains the clean frames best, if it is not that with the lowest
     RCRE."""
-    errors = {name: _mean(cube, "photometric", AVERAGE) for name, cube in cubes.items()}
+    errors = {name: means.get((name, "photometric")) for name in models}
     known = {name: error for name, error in errors.items() if error is not None}
     if first not in known or (best := min(known, key=lambda name: known[name])) == first:
         return []

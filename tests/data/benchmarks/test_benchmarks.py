@@ -29,8 +29,8 @@ from robustflow.report.render import render
 from robustflow.report.tables import tables_of
 from robustflow.run.comparable import sample_set
 from robustflow.run.records.pack import pack
-from robustflow.stats.published.tables import published_results
-from robustflow.stats.run_results import comparison_note
+from robustflow.stats.notes import comparison_note
+from robustflow.stats.published.tables import published_lines
 from robustflow.testing import ZeroFlow
 from tests.data.datasets.layouts import picture
 from tests.made_rows import made_run, rows_frame
@@ -233,12 +233,13 @@ def quick_subset():
 
 def test_tau_of_the_quick_subset_is_within_a_setting_and_over_other_methods(quick_subset):
     quick = benchmark_facts("kitti-fc").quick
-    lines = [line for line in published_results() if line.benchmark == "kitti-fc"]
+    lines = {key: line for key, line in published_lines().items() if key.benchmark == "kitti-fc"}
     assert len(lines) == quick.published
     taus = {"OOD": [], "ID": []}
     for (setting, found), metric in product(taus.items(), ("epe", "cre", "rcre")):
+        of_setting = [line for key, line in lines.items() if key.setting == setting]
         means = [
-            [np.mean([line.number(metric, name) for name in names]) for line in lines if line.setting == setting]
+            [np.mean([line.number(metric, name) for name in names]) for line in of_setting]
             for names in (quick.corruptions, IMAGE_PAIR)
         ]
         found.append(kendalltau(*means).statistic)

@@ -15,7 +15,7 @@ from robustflow.models import ModelRef
 from robustflow.models.provenance import Training
 from robustflow.report.site.content import run_content
 from robustflow.report.site.models import model_pages
-from robustflow.stats.run_results import comparison_note
+from robustflow.stats.notes import comparison_note
 from tests.data.datasets.layouts import picture
 from tests.made_rows import made_run
 from tests.refusals import refusal

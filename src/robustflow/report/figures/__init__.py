@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Container, Iterable, Sequence
+from collections.abc import Callable, Container
 from contextlib import suppress
 
 from matplotlib.figure import Figure
 
 from ...core.errors import UsageError
 from ...data.benchmarks import benchmark_facts
-from ...stats.model_result import ModelResult, by_frames, ranked
+from ...stats.lines import Lines, by_sample_set, ranked
 from ...stats.published.tables import PAPER
 from .canvas import FILE_FORMATS, MarkedFigure, figure_bytes, write_figures
 from .crer_by_family import crer_by_family
@@ -36,7 +36,7 @@ __all__ = [
 OF_ONE_MODEL = ("crer_by_family",)
 """Figures that show something about a single model; the others compare models."""
 
-_DRAWN: dict[str, Callable[[Sequence[ModelResult], FigureStyles], MarkedFigure]] = {
+_DRAWN: dict[str, Callable[[Lines, FigureStyles], MarkedFigure]] = {
     "clean_against_cre": clean_against_cre,
     "crer_by_family": crer_by_family,
     "relations": relations,
@@ -44,32 +44,33 @@ _DRAWN: dict[str, Callable[[Sequence[ModelResult], FigureStyles], MarkedFigure]]
 }
 
 
-def all_figures(results: Sequence[ModelResult]) -> dict[str, Figure]:
+def all_figures(lines: Lines) -> dict[str, Figure]:
     """Draw every figure that can be made from these results, by name. Results that are not ranked appear only in
     figures with one curve per run.
     """
     figures: dict[str, Figure] = {}
-    sets = by_frames(results)
-    numbers = {frames: number for number, frames in enumerate((frames for frames in sets if frames != PAPER), 1)}
-    suffixes = {frames: f"_{number}" if len(sets) > 1 else "" for frames, number in numbers.items()} | {PAPER: ""}
-    for frames, drawn in figures_by_sample_set(ranked(results)).items():
-        figures |= {name + suffixes[frames]: figure for name, figure in drawn.items()}
-    for frames, lines in sets.items():
-        if rows := {line.name: line.run.rows for line in lines if line.run}:
-            for metric in ("rcre", "epe"):
-                with suppress(UsageError):  # too many runs, or no run measured the metric
-                    figures[f"severity_{metric}{suffixes[frames]}"] = severity_curves(rows, metric)
+    sets = by_sample_set(lines)
+    numbers = {of: number for number, of in enumerate((of for of in sets if of != PAPER), 1)}
+    suffixes = {of: f"_{number}" if len(sets) > 1 else "" for of, number in numbers.items()} | {PAPER: ""}
+    for of, drawn in figures_by_sample_set(ranked(lines)).items():
+        figures |= {name + suffixes[of]: figure for name, figure in drawn.items()}
+    for of, part in sets.items():
+        runs = {key.model: numbers for key, numbers in part.items() if numbers.is_run}
+        for metric in ("rcre", "epe"):
+            with suppress(UsageError):  # too many runs, or no run measured the metric
+                figures[f"severity_{metric}{suffixes[of]}"] = severity_curves(runs, metric)
     return figures
 
 
 def figures_by_sample_set(
-    results: Iterable[ModelResult], styling: FigureStyles = PLAIN_STYLES, names: Container[str] = frozenset(_DRAWN)
+    lines: Lines, styling: FigureStyles = PLAIN_STYLES, names: Container[str] = frozenset(_DRAWN)
 ) -> dict[str, dict[str, MarkedFigure]]:
     """Draw the figures of results, by name, for each sample set of a benchmark with ground truth."""
     figures: dict[str, dict[str, MarkedFigure]] = {}
-    for frames, part in by_frames(line for line in results if benchmark_facts(line.benchmark).has_flow).items():
-        figures[frames] = {}
+    with_flow = {key: numbers for key, numbers in lines.items() if benchmark_facts(key.benchmark).has_flow}
+    for of, part in by_sample_set(with_flow).items():
+        figures[of] = {}
         for name, draw in ((name, draw) for name, draw in _DRAWN.items() if name in names):
             with suppress(UsageError):  # Some sets of results lack the data for some figures.
-                figures[frames][name] = draw(part, styling)
+                figures[of][name] = draw(part, styling)
     return figures

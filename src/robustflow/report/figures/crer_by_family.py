@@ -11,7 +11,7 @@ from ...core.display import default_style
 from ...core.errors import UsageError
 from ...core.text import name_text
 from ...corruptions.registry import MEMBERS
-from ...stats.model_result import ModelResult
+from ...stats.lines import LineKey, Lines, Numbers
 from ...stats.published.tables import of_paper
 from ...stats.results import FAMILY_LABELS
 from ..leaderboard import by_error
@@ -24,17 +24,18 @@ LEAST_CRER = 0.5
 
 
 @default_style()
-def crer_by_family(results: Sequence[ModelResult], styling: FigureStyles = PLAIN_STYLES) -> MarkedFigure:
+def crer_by_family(results: Lines, styling: FigureStyles = PLAIN_STYLES) -> MarkedFigure:
     """Draw bars of CREr per family, on one axis."""
-    crer = {line: line.family_crer for line in results if line.family_crer}
+    crer = {key: numbers for key, numbers in results.items() if numbers.family_crer()}
     published = of_paper(results)
-    models = REPRESENTATIVE if published else tuple(line.name for line in crer)
-    lowest = [name for name in dict.fromkeys(line.name for line in sorted(crer, key=by_error)) if name in models]
+    models = REPRESENTATIVE if published else tuple(line.model for line in crer)
+    in_order = dict.fromkeys(line.model for line, _ in sorted(crer.items(), key=by_error))
+    lowest = [name for name in in_order if name in models]
     shown = [name for name in dict.fromkeys(models) if name in lowest[: len(MODEL_STYLES)]]
     if not shown:
         raise UsageError("there is no CREr to draw: none of these models has a clean EPE")
-    lines = [line for model in shown for line in crer if line.name == model]
-    families = [family for family in MEMBERS if any(family in crer[line] for line in lines)]
+    lines = [line for model in shown for line in crer if line.model == model]
+    families = [family for family in MEMBERS if any(("crer", family, None) in crer[line] for line in lines)]
     if len(lines) * len(families) < 2:
         raise UsageError(
             "one corruption class and one model give only one bar: add corruptions or models, or use the table"
@@ -42,14 +43,14 @@ def crer_by_family(results: Sequence[ModelResult], styling: FigureStyles = PLAIN
     if published:
         styles = styling.of(results)
     else:
-        by_name = distinct_styles({line.name: styling.styles.get(line) for line in lines})
-        styles = {line: by_name[line.name] for line in lines}
+        by_name = distinct_styles({line.model: styling.styles.get(line) for line in lines})
+        styles = {line: by_name[line.model] for line in lines}
     by_setting = published or len(lines) > len(shown)
     heights: list[float] = []
     if published:
         figure, axes = new_figure(3.9, 3.0, len(shown), above=0.4)
         for panel, model in zip(axes, shown, strict=True):
-            drawn = [line for line in lines if line.name == model]
+            drawn = [line for line in lines if line.model == model]
             heights += _bars(figure, panel, drawn, families, crer, styles, by_setting)
             panel.set_title(name_text(model), fontsize=10)
         legend = []
@@ -73,7 +74,7 @@ def crer_by_family(results: Sequence[ModelResult], styling: FigureStyles = PLAIN
         panel.set_xlim(-0.6, len(families) - 0.4)
         panel.set_ylim(fair_limits(heights, LEAST_CRER, ends=ends, zero=True))
         panel.set_ylabel("CREr")
-    if any(("crer", family) in line.intervals for line in lines for family in families):
+    if any(crer[line].ends("crer", family) for line in lines for family in families):
         figure.caption += f" {WITH_INTERVALS}"
     figure.explain(legend, styling.legend)
     return figure
@@ -82,17 +83,18 @@ def crer_by_family(results: Sequence[ModelResult], styling: FigureStyles = PLAIN
 def _bars(
     figure: MarkedFigure,
     panel: Axes,
-    lines: Sequence[ModelResult],
+    lines: Sequence[LineKey],
     families: list[str],
-    crer: Mapping[ModelResult, Mapping[str, float]],
-    styles: Mapping[ModelResult, Style],
+    crer: Mapping[LineKey, Numbers],
+    styles: Mapping[LineKey, Style],
     by_setting: bool,
 ) -> list[float]:
     """Draw a bar for each line in each family; with `by_setting`, in-domain bars are outlined. Return the heights."""
     width = 0.8 / max(2, len(lines))
     drawn: list[float] = []
     for index, line in enumerate(lines):
-        heights = [crer[line].get(family, np.nan) for family in families]
+        known = crer[line].family_crer()
+        heights = [known.get(family, np.nan) for family in families]
         at = np.arange(len(families)) + (index - (len(lines) - 1) / 2) * width
         colour = styles[line].colour
         bars = panel.bar(
@@ -106,12 +108,12 @@ def _bars(
         for bar, family, height in zip(bars, families, heights, strict=True):
             if np.isnan(height):
                 continue
-            ends = line.intervals.get(("crer", family))
+            ends = crer[line].ends("crer", family)
             if ends is not None:
                 panel.plot([bar.get_x() + bar.get_width() / 2] * 2, ends, color="#000000", linewidth=0.9)
             drawn.append(height)
             value = ("CREr", f"{height:.2f}{ends_text(ends)}")
-            figure.mark(bar, [Mark(line.name, line.setting, (("class", FAMILY_LABELS[family]), value))])
+            figure.mark(bar, [Mark(line.model, line.setting, (("class", FAMILY_LABELS[family]), value))])
     panel.set_xticks(range(len(families)), [FAMILY_LABELS[family] for family in families], fontsize=8)
     panel.tick_params(axis="y", labelsize=8)
     panel.grid(False, axis="x")

@@ -18,11 +18,10 @@ from ...core.display import default_style
 from ...core.errors import UsageError
 from ...core.text import name_text
 from ...corruptions.registry import ordered
-from ...metrics.cube import Means
-from ...metrics.measures import MEASURES
-from ...stats.attacks import CurvePoint
-from ...stats.estimate import cubes_of, estimate
-from ...stats.results import CLEAN, FAMILY_LABELS, LABELS, UNITS, long_label, metric_label
+from ...stats.lines import Numbers
+from ...stats.lines import Row as FrameRow
+from ...stats.results import FAMILY_LABELS, LABELS, UNITS, long_label, metric_label
+from ..attack_tables import CurvePoint
 from .canvas import LEAST_PX, Mark, MarkedFigure, ends_text, fair_limits, new_figure
 from .crer_by_family import LEAST_CRER
 from .styles import BLACK, MODEL_STYLES, Style, distinct_styles, model_styles
@@ -69,23 +68,17 @@ def _curve(
 
 @default_style()
 def severity_curves(
-    runs: Mapping[str, pl.DataFrame],
+    runs: Mapping[str, Numbers],
     metric: str = "rcre",
     styles: Mapping[str, Style] = MappingProxyType({}),
     *,
     legend: bool = True,
 ) -> MarkedFigure:
-    """Plot a metric by severity for each corruption, with 95 % intervals if there are enough images. All panels have
-    the same axes.
-    """
+    """Plot a metric by severity for each corruption, with its intervals, where known. All panels have the same axes."""
     if len(runs) > len(MODEL_STYLES):
         raise UsageError(f"{len(runs)} runs", f"one figure shows at most {len(MODEL_STYLES)}")
     styles = distinct_styles({name: styles.get(name) for name in runs})
-    curves = {
-        name: estimate(cube, {metric: MEASURES[metric]}, [at for at in cube.conditions if at[0] != CLEAN])
-        for name, cube in cubes_of(runs).items()
-    }
-    corruptions = {corruption for curve in curves.values() for corruption in curve["condition"]}
+    corruptions = {name for numbers in runs.values() for name in numbers.corruptions((metric,))}
     if not corruptions:
         raise UsageError(f"none of these runs measured {LABELS.get(metric, metric)} at any severity")
     shown = ordered(corruptions)
@@ -93,8 +86,8 @@ def severity_curves(
     figure.set_layout_engine(None)  # panels of equal size do not need a layout engine, which is slow
     banded = False
     for panel, corruption in zip(axes, shown, strict=True):
-        for name, curve in curves.items():
-            rows = curve.filter(condition=corruption).sort("severity").to_dicts()
+        for name, numbers in runs.items():
+            rows = [row for at in SEVERITIES if (row := numbers.get((metric, corruption, at))) is not None]
             places, values = ([row[key] for row in rows] for key in ("severity", "value"))
             ends = [(row["low"], row["high"]) for row in rows]
             marks = [_severity_mark(name, metric, row) for row in rows]
@@ -110,7 +103,7 @@ def severity_curves(
     width, height = figure.get_size_inches()
     figure.supylabel(metric_label(metric), fontsize=9, x=0.08 / width, ha="left")
     figure.supxlabel("severity", fontsize=9, y=0.06 / height, va="bottom")
-    key = [(name, styles[name], True) for name in curves]
+    key = [(name, styles[name], True) for name in runs]
     above = 0.3 + 0.17 * figure.explain(key, "upper center" if legend else "")
     figure.caption = f"{metric_label(metric)} by severity, with a panel per corruption and shared axes."
     figure.caption += _BANDS * banded
@@ -133,7 +126,7 @@ def scale_panels(figure: MarkedFigure, least: float = LEAST_PX, *, apart: bool =
         axes.set_ylim(together or limits([axes]))
 
 
-def _severity_mark(name: str, metric: str, row: dict[str, Any]) -> Mark:
+def _severity_mark(name: str, metric: str, row: FrameRow) -> Mark:
     interval = ends_text(None if row["low"] is None else (row["low"], row["high"]))
     where = (("corruption", long_label(row["condition"])), ("severity", str(row["severity"])))
     value = f"{row['value']:.2f} {UNITS[metric]}".strip() + interval
@@ -179,16 +172,16 @@ def _budget_mark(point: CurvePoint) -> Mark:
 
 
 @default_style()
-def sparsification_curves(model: str, known: Means) -> MarkedFigure:
+def sparsification_curves(model: str, numbers: Numbers) -> MarkedFigure:
     """Plot the mean error of the remaining pixels when 0, 10, ... 90 % are removed: least confident first (solid), and
     largest errors first (dashed). All panels have the same axes.
     """
     left = [100 - removed for removed in _REMOVED]
     drawn: dict[tuple[str, int], tuple[list[float], list[float]]] = {}
     for family in FAMILY_LABELS:
-        for level in (level for level in SEVERITIES if ("ause", family, level) in known):
-            errors = [known[f"error_at_{share}", family, level] for share in left]
-            oracle = [errors[0], *(known[f"oracle_at_{share}", family, level] for share in left[1:])]
+        for level in (level for level in SEVERITIES if ("ause", family, level) in numbers):
+            errors = [numbers[f"error_at_{share}", family, level]["value"] for share in left]
+            oracle = [errors[0], *(numbers[f"oracle_at_{share}", family, level]["value"] for share in left[1:])]
             drawn[family, level] = errors, oracle
     families = list(dict.fromkeys(family for family, _ in drawn))
     if not families:

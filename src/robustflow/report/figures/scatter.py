@@ -19,10 +19,11 @@ from ...core.errors import UsageError
 from ...core.text import name_text, plain
 from ...stats.effective import effective_robustness
 from ...stats.intervals import IntervalEnds
-from ...stats.model_result import CRER, ModelResult
+from ...stats.lines import CRER, LineKey, Lines, Numbers, number_of
 from ...stats.published.tables import not_discussed, of_paper
 from ...stats.ranking import LEAST_MODELS, spearman
 from ...stats.results import AVERAGE, CLEAN, SETTING_LABELS
+from ..table import cell_of
 from .canvas import (
     LONGEST_NAME,
     WITH_INTERVALS,
@@ -52,7 +53,7 @@ _RELATIONS = (("clean EPE", "corrupted EPE"), ("clean EPE", "CRE"), ("clean EPE"
 class _Point:
     """A model in a panel: its place, the intervals of both coordinates, the printed values, and the name beside it."""
 
-    line: ModelResult
+    line: LineKey
     at: tuple[float, float]
     ends: tuple[IntervalEnds | None, IntervalEnds | None]
     values: tuple[tuple[str, str], ...]
@@ -61,7 +62,7 @@ class _Point:
 
 
 def _draw(
-    figure: MarkedFigure, panel: Axes, points: Sequence[_Point], colours: Mapping[ModelResult, str], **look: Any
+    figure: MarkedFigure, panel: Axes, points: Sequence[_Point], colours: Mapping[LineKey, str], **look: Any
 ) -> None:
     for point in points:
         (x, y), (across, up) = point.at, point.ends
@@ -71,7 +72,7 @@ def _draw(
         if up is not None:
             panel.plot((x, x), up, solid_capstyle="butt", **whisker)
         dot = panel.scatter(*point.at, s=point.area, color=colours[point.line], **look)
-        figure.mark(dot, [Mark(point.line.name, point.line.setting, point.values)])
+        figure.mark(dot, [Mark(point.line.model, point.line.setting, point.values)])
 
 
 def _finish(
@@ -84,7 +85,7 @@ def _finish(
     """Add the key, the caption and the heading, and place the names, which needs the final layout."""
     every = [point for _, points in panels for point in points]
     lines = [point.line for point in every]
-    figure.explain(kind_key(line.name for line in lines) if of_paper(lines) else [], styling.legend)
+    figure.explain(kind_key(line.model for line in lines) if of_paper(lines) else [], styling.legend)
     figure.caption = caption + (f" {WITH_INTERVALS}" if any(any(point.ends) for point in every) else "")
     figure.suptitle(textwrap.fill(heading, int(12.5 * figure.get_figwidth())), fontsize=10)
     settle_layout(figure)
@@ -92,34 +93,35 @@ def _finish(
         radii = [math.sqrt(point.area / math.pi) for point in points]
         texts = spread_labels(panel, [(*point.at, point.name) for point in points], radii)
         for point, text in zip(points, texts, strict=True):
-            figure.mark(text, [Mark(point.line.name, point.line.setting)])
+            figure.mark(text, [Mark(point.line.model, point.line.setting)])
     return figure
 
 
-def _cre_text(line: ModelResult, cre: float) -> str:
+def _cre_text(numbers: Numbers, cre: float) -> str:
     """Return the CRE with its interval, and the published one if it differs."""
-    given = line.values.get(("cre", AVERAGE))
-    differs = given is not None and given.text != f"{cre:.2f}"
-    text = f"{cre:.2f} px{ends_text(line.intervals.get(('cre', AVERAGE)))}"
-    return f"{text} from the EPE, {given.text} px as published" if given is not None and differs else text
+    given = numbers.get(("cre", AVERAGE, None))
+    text = f"{cre:.2f} px{ends_text(numbers.ends('cre', AVERAGE))}"
+    if given is None or number_of(given) == f"{cre:.2f}":
+        return text
+    return f"{text} from the EPE, {number_of(given)} px as published"
 
 
 @default_style()
-def clean_against_cre(results: Sequence[ModelResult], styling: FigureStyles = PLAIN_STYLES) -> MarkedFigure:
+def clean_against_cre(results: Lines, styling: FigureStyles = PLAIN_STYLES) -> MarkedFigure:
     """Plot CRE (y) against clean EPE (x) with CREr as bubble area, in panels with the same axes."""
     together, without, published = not by_setting(results), not_discussed(results), of_paper(results)
     groups: dict[str, list[_Point]] = {}
     for setting in _settings_in_order(line.setting for line in results):
-        for line in results:
-            clean, cre, crer = line.number("epe", CLEAN), line.cre.get(AVERAGE), line.values.get(CRER)
-            if line.setting != setting or clean is None or cre is None or line.name in without:
+        for line, numbers in results.items():
+            clean, cre, crer = numbers.number("epe", CLEAN), numbers.changes().get(AVERAGE), numbers.get(CRER)
+            if line.setting != setting or clean is None or cre is None or line.model in without:
                 continue
-            ratio = "" if crer is None else crer.text + "†" * (line.source == "published" and crer.derived)
-            ends = line.intervals.get(("epe", CLEAN)), line.intervals.get(("cre", AVERAGE))
-            texts = [f"{clean:.2f} px{ends_text(ends[0])}", _cre_text(line, cre), ratio or "none"]
+            ratio = "" if crer is None else cell_of(crer).marked.text
+            ends = numbers.ends("epe", CLEAN), numbers.ends("cre", AVERAGE)
+            texts = [f"{clean:.2f} px{ends_text(ends[0])}", _cre_text(numbers, cre), ratio or "none"]
             values = tuple(zip(("clean EPE", "CRE", "CREr"), texts, strict=True))
-            name = f"{plain(line.name, LONGEST_NAME)} {ratio}".rstrip()
-            point = _Point(line, (clean, cre), ends, values, name, 0.0 if crer is None else crer.number)
+            name = f"{plain(line.model, LONGEST_NAME)} {ratio}".rstrip()
+            point = _Point(line, (clean, cre), ends, values, name, 0.0 if crer is None else crer["value"])
             groups.setdefault("" if together else setting, []).append(point)
     if len(groups) > 1:
         groups.pop("knowledge", None)
@@ -149,7 +151,7 @@ def clean_against_cre(results: Sequence[ModelResult], styling: FigureStyles = PL
 
 
 @default_style()
-def effective_trend(results: Sequence[ModelResult], styling: FigureStyles = PLAIN_STYLES) -> MarkedFigure:
+def effective_trend(results: Lines, styling: FigureStyles = PLAIN_STYLES) -> MarkedFigure:
     """Plot panels with the same axes. The factor printed for a model is its EPE divided by the EPE predicted from the
     trend of the other models.
     """
@@ -159,16 +161,16 @@ def effective_trend(results: Sequence[ModelResult], styling: FigureStyles = PLAI
     panels = []
     for panel, (title, models) in zip(axes, settings.items(), strict=True):
         points = []
-        for one in models:
-            ends = one.line.intervals.get(("epe", CLEAN)), one.line.intervals.get(("epe", AVERAGE))
+        for line, one in models.items():
+            ends = results[line].ends("epe", CLEAN), results[line].ends("epe", AVERAGE)
             values = (
                 ("clean EPE", f"{one.clean:.2f} px{ends_text(ends[0])}"),
                 ("corrupted EPE", f"{one.corrupted:.2f} px{ends_text(ends[1])}"),
                 ("expected", f"{one.expected:.2f} px"),
                 ("factor", f"{one.factor:.2f}"),
             )
-            name = f"{plain(one.line.name, LONGEST_NAME)} ×{one.factor:.2f}"
-            points.append(_Point(one.line, (one.clean, one.corrupted), ends, values, name))
+            name = f"{plain(line.model, LONGEST_NAME)} ×{one.factor:.2f}"
+            points.append(_Point(line, (one.clean, one.corrupted), ends, values, name))
         panel.set(xscale="log", yscale="log", xlabel="clean EPE (px)", ylabel="corrupted EPE (px)")
         for point in points:
             style = styles[point.line]
@@ -182,7 +184,8 @@ def effective_trend(results: Sequence[ModelResult], styling: FigureStyles = PLAI
             axis.set_minor_formatter(NullFormatter() if len(models) > 20 else ScalarFormatter())
             axis.set_tick_params(which="both", labelsize=7)
         setting = name_text(SETTING_LABELS.get(title, title))
-        panel.set_title(f"{setting}: R² = {models[0].r_squared:.2f}".removeprefix(": "), fontsize=10)
+        r_squared = np.corrcoef(np.log(clean), np.log(corrupted))[0, 1] ** 2
+        panel.set_title(f"{setting}: R² = {r_squared:.2f}".removeprefix(": "), fontsize=10)
         panels.append((panel, points))
     every = [point for _, points in panels for point in points]
     for panel in axes:
@@ -212,18 +215,17 @@ def _ends(intervals: Iterable[IntervalEnds | None]) -> list[float]:
 
 
 @default_style()
-def relations(results: Sequence[ModelResult], styling: FigureStyles = PLAIN_STYLES) -> MarkedFigure:
+def relations(results: Lines, styling: FigureStyles = PLAIN_STYLES) -> MarkedFigure:
     """Plot four panels with one point per model: corrupted EPE, CRE and RCRE against clean EPE, and RCRE against CRE,
     each with its correlations. A quantity has the same axis range in every panel.
     """
     together, without, styles = not by_setting(results), not_discussed(results), styling.of(results)
-    groups: dict[str, dict[ModelResult, dict[str, float]]] = {}
-    for line in results:
-        values = {
-            name: line.cre.get(AVERAGE) if name == "CRE" else line.number(*key) for name, key in _QUANTITIES.items()
-        }
+    groups: dict[str, dict[LineKey, dict[str, float]]] = {}
+    for line, numbers in results.items():
+        values = {name: numbers.number(*key) for name, key in _QUANTITIES.items()}
+        values["CRE"] = numbers.changes().get(AVERAGE)
         known = {name: value for name, value in values.items() if value is not None}
-        if len(known) == len(_QUANTITIES) and line.name not in without:
+        if len(known) == len(_QUANTITIES) and line.model not in without:
             groups.setdefault(line.setting, {})[line] = known
     if len(groups) > 1 and not together:
         groups.pop("knowledge", None)
@@ -234,7 +236,7 @@ def relations(results: Sequence[ModelResult], styling: FigureStyles = PLAIN_STYL
             f"the figure of EPE, CRE and RCRE needs at least {LEAST_MODELS} models with ground truth, not {len(drawn)}",
         )
     figure, axes = new_figure(3.3, 3.2, 4, columns=2)
-    ends = {(line, name): line.intervals.get(key) for line in drawn for name, key in _QUANTITIES.items()}
+    ends = {(line, name): results[line].ends(*key) for line in drawn for name, key in _QUANTITIES.items()}
     limits = {
         name: fair_limits((of[name] for of in drawn.values()), ends=_ends(ends[line, name] for line in drawn))
         for name in _QUANTITIES
@@ -243,7 +245,12 @@ def relations(results: Sequence[ModelResult], styling: FigureStyles = PLAIN_STYL
         for line, at in drawn.items():
             style = styles[line]
             printed = tuple(
-                (name, _cre_text(line, value) if name == "CRE" else f"{value:.2f} px{ends_text(ends[line, name])}")
+                (
+                    name,
+                    _cre_text(results[line], value)
+                    if name == "CRE"
+                    else f"{value:.2f} px{ends_text(ends[line, name])}",
+                )
                 for name, value in at.items()
             )
             point = _Point(line, (at[x], at[y]), (ends[line, x], ends[line, y]), printed, "", 26.0)
@@ -260,9 +267,9 @@ def relations(results: Sequence[ModelResult], styling: FigureStyles = PLAIN_STYL
         ]
         panel.set_title(f"({letter}) " + "\n".join(correlations), fontsize=8, loc="left")
     if of_paper(results):
-        key = kind_key(line.name for line in drawn) + [(setting, OTHER, setting != "ID") for setting in groups]
+        key = kind_key(line.model for line in drawn) + [(setting, OTHER, setting != "ID") for setting in groups]
     else:
-        key = model_key({line.name: styles[line] for line in drawn})
+        key = model_key({line.model: styles[line] for line in drawn})
     figure.explain(key, styling.legend)
     figure.caption = "One point per model, with Pearson's r and Spearman's rho." + (
         f" {WITH_INTERVALS}" if any(ends.values()) else ""

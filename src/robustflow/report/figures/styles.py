@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from colorsys import hls_to_rgb
 from dataclasses import dataclass, field
 from typing import Literal
@@ -11,7 +11,7 @@ from matplotlib.colors import to_hex
 from matplotlib.lines import Line2D
 
 from ...core.text import name_text
-from ...stats.model_result import ModelResult
+from ...stats.lines import LineKey
 from ...stats.published.tables import method_of, of_paper
 
 # Okabe and Ito's palette, with four intermediate colours
@@ -77,26 +77,26 @@ LegendPlace = Literal["", "upper center", "outside lower center"]
 class FigureStyles:
     """Styling options of a figure: the style of a line, and where the legend is; "" for none."""
 
-    styles: Mapping[ModelResult, Style] = field(default_factory=dict)
+    styles: Mapping[LineKey, Style] = field(default_factory=dict)
     legend: LegendPlace = "outside lower center"
 
-    def of(self, results: Sequence[ModelResult]) -> dict[ModelResult, Style]:
-        """Return the style of every line of the results."""
-        if of_paper(results):
-            return {line: KIND_STYLES.get(kind_of(line.name), OTHER) for line in results}
-        by_place = model_styles(line.name for line in results)
-        return {line: self.styles.get(line, by_place[line.name]) for line in results}
+    def of(self, lines: Collection[LineKey]) -> dict[LineKey, Style]:
+        """Return the style of every line."""
+        if of_paper(lines):
+            return {line: KIND_STYLES.get(kind_of(line.model), OTHER) for line in lines}
+        by_place = model_styles(line.model for line in lines)
+        return {line: self.styles.get(line, by_place[line.model]) for line in lines}
 
 
 PLAIN_STYLES = FigureStyles()
 """A style per kind of published model or per model, with a legend."""
 
 
-def by_setting(results: Sequence[ModelResult]) -> bool:
+def by_setting(lines: Collection[LineKey]) -> bool:
     """Return whether to draw one panel per setting, as for the paper's values and for a model measured in two
     settings."""
-    models = {(line.setting, line.name) for line in results}
-    return of_paper(results) or len({name for _, name in models}) < len(models)
+    models = {(line.setting, line.model) for line in lines}
+    return of_paper(lines) or len({name for _, name in models}) < len(models)
 
 
 def kind_of(model: str) -> str:

@@ -12,7 +12,7 @@ from typing import Any
 
 from ...core.text import plain
 from ...corruptions.registry import MEMBERS
-from ...stats.model_result import ModelResult
+from ...stats.lines import LineKey, Numbers
 from ...stats.results import (
     FAMILY_LABELS,
     METRIC_LABELS,
@@ -29,12 +29,12 @@ from .models import model_pages
 _VIEWS = {OVERVIEW: "Overview", COMPACT: "Compact", CLASSES: "Class means", **FAMILY_LABELS}
 
 
-def page_data(content: Content, panels: Mapping[ModelResult, Sequence[PanelPicture]]) -> dict[str, Any]:
+def page_data(content: Content, panels: Mapping[LineKey, Sequence[PanelPicture]]) -> dict[str, Any]:
     """Build the data of a page."""
     pictures = {content.pages[line]: [asdict(panel) for panel in of_line] for line, of_line in panels.items()}
     settings = [setting for board in content.boards for setting in settings_of(board)]
     return {
-        "boards": [_board(board, content.pages) for board in content.boards],
+        "boards": [_board(board, content) for board in content.boards],
         "models": {
             page: {"name": name, "tables": list(map(_table, tables)), "panels": pictures.get(page, [])}
             for page, (name, tables) in model_pages(content).items()
@@ -55,37 +55,37 @@ def settings_of(board: Table) -> list[tuple[str, str]]:
     return [(name, SETTING_EXPLANATIONS.get(name, "")) for name in order if name in here]
 
 
-def _board(board: Table, page_of: Mapping[ModelResult, str]) -> dict[str, Any]:
+def _board(board: Table, content: Content) -> dict[str, Any]:
     keys = [column.key for column in board.columns]
     data = _table(board)
     for section, made in zip(board.sections, data["sections"], strict=True):
         for line, entry in zip(section.lines, made["lines"], strict=True):
             if line.result is not None:
-                entry |= _facts(line.result, section.title, page_of)
+                of_line = content.lines[line.result]
+                entry |= _facts(line.result, of_line, section.title) | {"page": content.pages[line.result]}
     return data | {
         "name": plain(board.name),
         "start": next((index for key in START for index, known in enumerate(keys) if known == key), 0),
         "exported": [
             (index, metric, plain(condition))
-            for index, (metric, condition) in enumerate(keys)
-            if metric in RESULT_METRICS and condition not in MEMBERS and keys.index((metric, condition)) == index
+            for index, (metric, condition, _) in enumerate(keys)
+            if metric in RESULT_METRICS and condition not in MEMBERS and keys.index(keys[index]) == index
         ],
     }
 
 
-def _facts(result: ModelResult, title: str, page_of: Mapping[ModelResult, str]) -> dict[str, Any]:
+def _facts(key: LineKey, numbers: Numbers, title: str) -> dict[str, Any]:
     """Return what a board shows and exports about a line besides its numbers."""
-    source = result.source if result.source == "verified record" else ""
-    note = plain(result.note, 80) if plain(result.note, 300) not in title else ""
-    remark = "; ".join(filter(None, (source, note)))
+    source, noted, excluded = (str(numbers.fact(name)) for name in ("source", "note", "excluded"))
+    note = plain(noted, 80) if plain(noted, 300) not in title else ""
+    remark = "; ".join(filter(None, (source if source == "verified record" else "", note)))
     return _known(
-        page=page_of[result],
-        setting=plain(result.setting, 40),
-        frames=plain(result.frames, 200),
-        note=plain(result.note, 300),
-        remark=with_exclusion(remark, plain(result.excluded, 300)),
-        source=result.source,
-        excluded=bool(result.excluded),
+        setting=plain(key.setting, 40),
+        frames=plain(key.sample_set, 200),
+        note=plain(noted, 300),
+        remark=with_exclusion(remark, plain(excluded, 300)),
+        source=source,
+        excluded=bool(excluded),
     )
 
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -37,7 +37,7 @@ from ...data.datasets import load_dataset
 from ...media.images import jpeg_address, read_image
 from ...run.stages import SLIDER_WIDTH
 from ...run.trust import code_digest
-from ...stats.model_result import ModelResult
+from ...stats.lines import LineKey
 from ...stats.results import long_label
 from ..gallery.cells import GalleryCell, pair_cells
 from ..gallery.examples import EXAMPLES_FILE, FOLDER, ExampleList, Panel, example_list
@@ -111,16 +111,16 @@ class Examples:
     """Pictures for a page: a slider, and the panels of each run."""
 
     slider: Slider
-    panels: Mapping[ModelResult, list[PanelPicture]] = field(default_factory=dict)
+    panels: Mapping[LineKey, list[PanelPicture]] = field(default_factory=dict)
 
 
-def examples_of(lines: Sequence[ModelResult]) -> Examples | None:
+def examples_of(runs: Mapping[LineKey, Run]) -> Examples | None:
     """Return the slider of the first run with examples, and the panels of the first `MOST_RUNS` runs."""
     slider: Slider | None = None
-    panels: dict[ModelResult, list[PanelPicture]] = {}
-    most = MOST_RUNS if len(lines) <= MOST_RUNS else 1
-    for line in lines:
-        pictures = run_examples(line.run) if line.run and len(panels) < most else None
+    panels: dict[LineKey, list[PanelPicture]] = {}
+    most = MOST_RUNS if len(runs) <= MOST_RUNS else 1
+    for line, run in runs.items():
+        pictures = run_examples(run) if len(panels) < most else None
         if pictures is not None:
             slider = slider or pictures[0]
             panels[line] = pictures[1]

@@ -13,11 +13,10 @@ from markupsafe import Markup
 from ...core.errors import UsageError
 from ...core.text import plain
 from ...run.displacement import displacements_of
-from ...run.run import Run
-from ...stats.attacks import security_curves
-from ...stats.frame import confidence_means
-from ...stats.model_result import ModelResult, by_frames, ranked
+from ...stats.lines import LineKey, Numbers, by_sample_set, ranked
 from ...stats.published.tables import PAPER
+from ...stats.results import AVERAGE
+from ..attack_tables import security_points
 from ..figures import OF_ONE_MODEL, FigureStyles, displacement_figure, figures_by_sample_set, severity_curves
 from ..figures.canvas import MarkedFigure
 from ..figures.curves import MOST_LINES, scale_panels, security_figure, sparsification_curves
@@ -70,63 +69,65 @@ def page_figures(content: Content) -> list[FigureGroup]:
     styling = page_styles(content)
     groups: list[FigureGroup] = []
     count = 0
-    for benchmark, frames in dict.fromkeys((line.benchmark, line.frames) for line in content.focus):
+    for benchmark, sample_set in dict.fromkeys(key[:2] for key in content.focus):
         drawn: list[tuple[str, MarkedFigure, str]] = []
-        of_frames = [line for line in content.focus if line.frames == frames]
-        part = ranked(line for line in of_frames if line.benchmark == benchmark)
-        excluded = [plain(line.name) for line in of_frames if line.excluded]
+        lines = {key: numbers for key, numbers in content.focus.items() if key[:2] == (benchmark, sample_set)}
+        part = ranked(lines)
+        excluded = [plain(key.model) for key in lines if key not in part]
         note = f"Not drawn because not ranked: {', '.join(excluded)}. " if excluded else ""
-        kinds = {} if len({line.name for line in part}) > 1 else {"names": OF_ONE_MODEL}
+        kinds = {} if len({key.model for key in part}) > 1 else {"names": OF_ONE_MODEL}
         for figures in figures_by_sample_set(part, styling, **kinds).values():
             drawn += [(name, figure, note) for name, figure in figures.items() if _compares(name, figure)]
-        drawn += _row_figures(frames, content, styling)
-        pages = {line.name: page for line, page in content.pages.items() if line.frames == frames}
+        drawn += _run_figures(sample_set, content, styling)
+        pages = {key.model: content.pages[key] for key in lines}
         made = [_page_figure(f"figure-{count + index}", *one, pages) for index, one in enumerate(drawn)]
         count += len(made)
         if made:
             made.sort(key=lambda figure: figure.wide)  # narrow figures, which fit side by side, come first
-            groups.append(FigureGroup(benchmark, content.group_titles.get(frames, plain(frames)), tuple(made)))
+            groups.append(FigureGroup(benchmark, content.group_titles.get(sample_set, plain(sample_set)), tuple(made)))
     return groups
 
 
-def attack_figure(number: int, run: Run) -> PageFigure | None:
+def attack_figure(number: int, numbers: Numbers) -> PageFigure | None:
     """Draw the security curves of a run; None if it has no attacks."""
-    points = security_curves(run)
+    points = security_points(numbers)
     return _page_figure(f"attacks-{number}", "security_curves", security_figure(points), "", {}) if points else None
 
 
 def page_styles(content: Content) -> FigureStyles:
     """Assign a distinct style to each model name, the same in every sample set."""
     places: dict[tuple[str, int], int] = {}
-    styles: dict[ModelResult, Style] = {}
-    for lines in by_frames(line for line in content.lines if line.frames != PAPER).values():
+    styles: dict[LineKey, Style] = {}
+    own = {key: numbers for key, numbers in content.lines.items() if key.sample_set != PAPER}
+    for lines in by_sample_set(own).values():
         counts: Counter[str] = Counter()
-        for line in sorted(lines, key=by_error):
-            name = line.name if line.run is None else line.run.name
+        for key, _ in sorted(lines.items(), key=by_error):
+            name = content.runs[key].name if key in content.runs else key.model
             place = places.setdefault((name, counts[name]), len(places))
-            styles[line] = nth_style(place)
+            styles[key] = nth_style(place)
             counts[name] += 1
     return FigureStyles(styles, legend="")
 
 
-def _row_figures(frames: str, content: Content, styling: FigureStyles) -> Iterable[tuple[str, MarkedFigure, str]]:
-    """Yield the figures that need rows, as (name, figure, sentence about omitted runs). If there are more runs than a
+def _run_figures(sample_set: str, content: Content, styling: FigureStyles) -> Iterable[tuple[str, MarkedFigure, str]]:
+    """Yield the figures of runs, as (name, figure, sentence about omitted runs). If there are more runs than a
     figure can distinguish, only the top runs of the leaderboard have curves."""
-    lines = [line for line in content.lines if line.frames == frames and line.run is not None]
-    best = sorted(lines, key=by_error)[: len(MODEL_STYLES)]
-    runs = {line.name: line.run for line in lines if line in best and line.run}
+    of_runs = {
+        key: numbers for key, numbers in content.lines.items() if key.sample_set == sample_set and key in content.runs
+    }
+    best = dict(sorted(of_runs.items(), key=by_error)[: len(MODEL_STYLES)])
+    runs = {key.model: numbers for key, numbers in of_runs.items() if key in best}
     with suppress(UsageError):  # runs without valid pixels have no curve
-        styles = {line.name: styling.styles[line] for line in best}
-        rows = {name: run.rows for name, run in runs.items()}
-        metric = "epe" if any(run.epe is not None for run in runs.values()) else "rcre"  # that of the headline
-        curves = severity_curves(rows, metric, styles=styles, legend=bool(styling.legend))
-        fewer = len(runs) < len(lines)
-        note = f"The {len(runs)} of {len(lines)} runs with the lowest error are drawn. " if fewer else ""
+        styles = {key.model: styling.styles[key] for key in best}
+        metric = "epe" if any(("epe", AVERAGE, None) in numbers for numbers in runs.values()) else "rcre"
+        curves = severity_curves(runs, metric, styles=styles, legend=bool(styling.legend))
+        fewer = len(runs) < len(of_runs)
+        note = f"The {len(runs)} of {len(of_runs)} runs with the lowest error are drawn. " if fewer else ""
         yield "severity_curves", curves, note
-    for name, run in runs.items():
+    for name, numbers in runs.items():
         with suppress(UsageError):  # the run has no confidence, or no ground truth
-            yield "sparsification", sparsification_curves(plain(name), confidence_means(run.rows)), ""
-    moved = iter(displacements_of([line.run for line in lines if line.run]).items())
+            yield "sparsification", sparsification_curves(plain(name), numbers), ""
+    moved = iter(displacements_of([content.runs[key] for key in of_runs]).items())
     while histograms := dict(islice(moved, MOST_LINES)):
         yield "displacement", displacement_figure(histograms), ""
 

@@ -2,30 +2,32 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from typing import TYPE_CHECKING
 
 from ...core.text import counted, plain
-from ...corruptions.registry import ordered
 from ...data.benchmarks import benchmark_facts
+from ...metrics.measures import LEADING
 from ...run.costs import RunCost
 from ...run.identity import Environment
-from ...run.manifest import Cells, left_out_sentence
-from ...stats.model_result import ModelResult, ValueKey
+from ...run.manifest import Cells as RunCells
+from ...run.manifest import left_out_sentence
+from ...stats.frame import DERIVED
+from ...stats.lines import LineKey, Lines, Numbers
+from ...stats.notes import comparison_note
 from ...stats.published.tables import method_of
 from ...stats.results import (
     AVERAGE,
     CLEAN,
     LABELS,
-    METRIC_LABELS,
     OVERALL,
     benchmark_label,
     long_label,
     mean_label,
     metric_label,
 )
-from ...stats.run_results import comparison_note
-from ..table import Column, Table, TableCell, interval_text, number_text
+from ..leaderboard import Cells, marked_cells
+from ..table import Column, Table, cell_of, condition_rows
 from .content import Content
 
 if TYPE_CHECKING:
@@ -40,72 +42,62 @@ SCORES, SHADED, FACTS = "scores", "shaded", "facts"
 
 def model_pages(content: Content) -> dict[str, tuple[str, list[Table]]]:
     """Return the name and the tables of each model of each sample set, by the id of its page."""
-    by_page: dict[str, list[ModelResult]] = {}
-    for line, page in content.pages.items():
-        by_page.setdefault(page, []).append(line)
-    return {page: (plain(lines[0].name), list(_tables(lines, content))) for page, lines in by_page.items()}
+    by_page: dict[str, dict[LineKey, Numbers]] = {}
+    for key, page in content.pages.items():
+        by_page.setdefault(page, {})[key] = content.lines[key]
+    marked = marked_cells(content.lines)
+    pages = {}
+    for page, lines in by_page.items():
+        first = next(iter(lines))
+        run = content.runs.get(first)
+        tables = [_scores(key, numbers, marked[key], content.asked) for key, numbers in lines.items()]
+        tables += _by_severity(lines[first]) if run else _by_setting(lines)
+        facts = _run_facts(run) if run else _given_facts(lines)
+        rows = [(label, [plain(text, _LONGEST)]) for label, text in facts if text]
+        tables.append(Table.of(FACTS, "About this result", [""], {"": rows}, keep_empty=True))
+        pages[page] = plain(first.model), [table for table in tables if table.columns]
+    return pages
 
 
-def _tables(lines: Sequence[ModelResult], content: Content) -> Iterator[Table]:
-    for line in lines:
-        if (table := _scores(line, content.cells[line])).columns:
-            yield table
-    if (run := lines[0].run) is not None:
-        for metric in ("epe", "cre", "rcre", "photometric", "spread"):
-            if _has_table(lines[0], run, metric):
-                yield _severities(lines[0], run, metric)
-        facts = _run_facts(run)
-    else:
-        for benchmark in dict.fromkeys(line.benchmark for line in lines):
-            yield _settings(benchmark, [line for line in lines if line.benchmark == benchmark])
-        facts = _published_facts(lines)
-    rows = [(label, [plain(text, _LONGEST)]) for label, text in facts if text]
-    yield Table.of(FACTS, "About this result", [""], {"": rows}, keep_empty=True)
+def _scores(key: LineKey, numbers: Numbers, cells: Cells, asked: str) -> Table:
+    over = (*OVERALL, *[(asked, AVERAGE)] * bool(asked))
+    columns = [Column(mean_label(*of), key=(*of, None)) for of in dict.fromkeys(over) if (*of, None) in cells]
+    row = (plain(key.setting, 40), [cells[column.key] for column in columns], plain(numbers.fact("note"), 300))
+    return Table.of(SCORES, benchmark_label(key.benchmark), columns, {"": [row]})
 
 
-def _scores(line: ModelResult, cells: Mapping[ValueKey, TableCell]) -> Table:
-    keys = [key for key in OVERALL if key in cells]
-    row = (plain(line.setting, 40), [cells[key] for key in keys], plain(line.note, 300))
-    return Table.of(SCORES, benchmark_label(line.benchmark), [mean_label(*key) for key in keys], {"": [row]})
+def _by_severity(numbers: Numbers) -> Iterator[Table]:
+    """Yield tables of a run by corruption and severity; that of the photometric error only without ground truth."""
+    blind = (LEADING, CLEAN, None) not in numbers
+    names, levels = numbers.corruptions(), numbers.severities()
+    for metric in ("epe", "cre", "rcre", *["photometric"] * blind, "spread"):
+        if not numbers.by_corruption(metric):
+            continue
+        top = scale_top(numbers.number(metric, name, level) for level in levels for name in names)
+        columns = [Column(str(at or "mean"), key=(metric, at), strongest=top) for at in (*levels, None)]
+        rows = condition_rows(numbers, columns, {plain(long_label(name)): (name, None) for name in names})
+        label = "Standard deviation over draws (px)" if metric == "spread" else metric_label(metric)
+        title = f"{label} by severity"
+        yield Table.of(SHADED, title, columns, {"": rows}, row_header="Corruption", keep_empty=True)
 
 
-def _has_table(line: ModelResult, run: Run, metric: str) -> bool:
-    """Whether a run has a table of this metric; the photometric error only has one without ground truth."""
-    if metric in METRIC_LABELS and metric != "photometric":
-        return bool(line.numbers(metric))
-    return run.mean(metric) is not None and (metric == "spread" or run.epe_clean is None)
-
-
-def _severities(line: ModelResult, run: Run, metric: str) -> Table:
-    levels = run.measured.severities
-    rows = []
-    for name in run.measured.corruptions:
-        mean = TableCell(
-            number_text(run.mean(metric, name)), interval=interval_text(line.intervals.get((metric, name)))
-        )
-        values = (run.mean(metric, name, level) for level in levels)
-        rows.append((plain(long_label(name)), [*values, mean]))
-    top = scale_top(run.mean(metric, name, level) for level in levels for name in run.measured.corruptions)
-    columns = [Column(label, strongest=top) for label in (*map(str, levels), "mean")]
-    label = "Standard deviation over draws (px)" if metric == "spread" else metric_label(metric)
-    title = f"{label} by severity"
-    return Table.of(SHADED, title, columns, {"": rows}, row_header="Corruption", keep_empty=True)
-
-
-def _settings(benchmark: str, results: Sequence[ModelResult]) -> Table:
-    names = ordered({name for r in results for m, name in r.values if m in _METRICS} - {CLEAN, AVERAGE})
-    shown = [(m, r) for m in _METRICS for r in results if any((m, name) in r.values for name in names)]
-    tops = {metric: scale_top(r.number(metric, name) for _, r in shown for name in names) for metric in _METRICS}
-    rows = [
-        (
-            "Average" if name == AVERAGE else long_label(name),
-            [r.values[m, name].text if (m, name) in r.values else None for m, r in shown],
-        )
-        for name in [*names, AVERAGE]
-    ]
-    columns = [Column(f"{LABELS[m]} {plain(r.setting, 40)}", strongest=tops[m]) for m, r in shown]
-    title = f"{benchmark_label(benchmark)} (px)"
-    return Table.of(SHADED, title, columns, {"": rows}, row_header="Corruption", keep_empty=True)
+def _by_setting(lines: Lines) -> Iterator[Table]:
+    """Yield a table of each benchmark: the values of each metric in each setting."""
+    for benchmark in dict.fromkeys(key.benchmark for key in lines):
+        here = {key: numbers for key, numbers in lines.items() if key.benchmark == benchmark}
+        known = Numbers(item for numbers in here.values() for item in numbers.items()).corruptions(_METRICS)
+        shown = [(m, key) for m in _METRICS for key, numbers in here.items() if numbers.by_corruption(m)]
+        tops = {m: scale_top(here[key].number(m, name) for _, key in shown for name in known) for m in _METRICS}
+        rows = [
+            (
+                "Average" if name == AVERAGE else long_label(name),
+                [cell_of(here[key][m, name, None]) if (m, name, None) in here[key] else None for m, key in shown],
+            )
+            for name in [*known, AVERAGE]
+        ]
+        columns = [Column(f"{LABELS[m]} {plain(key.setting, 40)}", strongest=tops[m]) for m, key in shown]
+        title = f"{benchmark_label(benchmark)} (px)"
+        yield Table.of(SHADED, title, columns, {"": rows}, row_header="Corruption", keep_empty=True)
 
 
 def _run_facts(run: Run) -> list[tuple[str, str]]:
@@ -134,7 +126,7 @@ def _run_facts(run: Run) -> list[tuple[str, str]]:
         ("Run", manifest.identity_digest),
         ("Packages", _packages(manifest.environment)),
         *[
-            (f"Packages of {counted(sum(map(Cells.count, part.made)), 'earlier row')}", _packages(part))
+            (f"Packages of {counted(sum(map(RunCells.count, part.made)), 'earlier row')}", _packages(part))
             for part in manifest.earlier
         ],
     ]
@@ -144,11 +136,12 @@ def _packages(environment: Environment) -> str:
     return ", ".join(f"{name} {version}" for name, version in environment.packages.items())
 
 
-def _published_facts(lines: Sequence[ModelResult]) -> list[tuple[str, str]]:
+def _given_facts(lines: Lines) -> list[tuple[str, str]]:
     """Return the sources of a model's values, and its method if the paper describes it."""
-    method = method_of(lines[0].name)
-    sources = dict.fromkeys([lines[0].source, *(value.origin for line in lines for value in line.values.values())])
-    facts = [("Source", ", ".join(filter(None, sources)))]
+    method = method_of(next(iter(lines)).model)
+    first = next(iter(lines.values()))
+    origins = [row["origin"] for numbers in lines.values() for row in numbers.values() if row["origin"] != DERIVED]
+    facts = [("Source", ", ".join(filter(None, dict.fromkeys([first.fact("source"), *origins]))))]
     if method is not None:
         described = f"{method.method} ({method.type}, {method.year})"
         facts += [("Method", described), ("Encoder", method.encoder), ("Decoder", method.decoder)]

@@ -12,13 +12,13 @@ from markupsafe import Markup
 from ...core.errors import RunError
 from ...core.text import plain
 from ...core.version import VERSION
-from ...corruptions.registry import ordered
 from ...media.images import png_address
 from ...run.run import Run
 from ...stats.audit import AUDIT_CHECKS, audit_results
-from ...stats.model_result import ModelResult, by_frames
+from ...stats.lines import Lines, Numbers, by_sample_set
+from ...stats.numbers import confidence_of
 from ...stats.published.tables import PAPER
-from ...stats.results import AVERAGE, CLEAN, long_label, metric_label
+from ...stats.results import long_label, metric_label
 from ..attack_tables import attack_table, prediction_table
 from ..gallery import slider
 from ..gallery.layout import colour_wheel, error_scale
@@ -45,8 +45,9 @@ def render_site(
 ) -> str:
     """Render the page of a content; `gallery` is shown if no run has pictures."""
     order = [board.name for board in content.boards]
-    runs = sorted((line for line in content.lines if line.run), key=lambda line: order.index(line.benchmark))
-    examples = examples_of(runs) or (Examples(gallery) if gallery else None)
+    in_order = sorted(content.runs.items(), key=lambda item: order.index(item[0].benchmark))
+    examples = examples_of(dict(in_order)) or (Examples(gallery) if gallery else None)
+    runs = {key: content.lines[key] for key, _ in in_order}
     figures = page_figures(content) if figures is None else figures
     pictured = next(iter(examples.panels)).benchmark if examples and examples.panels else None
     return (
@@ -65,11 +66,13 @@ def render_site(
                 for board in content.boards
             ],
             warnings=_warnings(runs),
-            attacks=_attacks(runs),
+            attacks=_attacks(content, runs),
             confidences=[
-                (plain(line.name), table, None) for line in runs if line.run and (table := confidence_table(line.run))
+                (plain(key.model), table, None)
+                for key, numbers in runs.items()
+                if (table := confidence_table(numbers, confidence_of(content.runs[key])))
             ],
-            primary=content.pages[runs[0]] if content.of_one_run else "",
+            primary=content.pages[next(iter(runs))] if content.of_one_run else "",
             examples=examples,
             pictured=None if pictured is None else order.index(pictured),
             slider=slider.slider_markup(examples.slider) if examples else None,
@@ -90,14 +93,15 @@ def draw_figures(run: Run) -> Figures:
     return content, page_figures(content)
 
 
-def write_report(run: Run, drawn: Figures | None = None) -> None:
-    """Write `report.html`, with any existing example pictures, to a run's folder unless it is up to date."""
+def write_report(run: Run, drawn: Figures | None = None, asked: str = "") -> None:
+    """Write `report.html`, with any existing example pictures, to a run's folder unless it is up to date. Its first
+    table has the measure that is `asked` for."""
 
     def rendered() -> bytes:
-        content, figures = draw_figures(run) if drawn is None else drawn
+        content, figures = (run_content(run, asked), None) if drawn is None else drawn
         return render_site(content, figures=figures).encode()
 
-    if run.derived.write_file(REPORT, rendered, shows_others=True):
+    if run.derived.write_file(REPORT, rendered, shows_others=True, made_with=asked):
         run.keep()
 
 
@@ -127,44 +131,40 @@ def _audits(content: Content, benchmark: str) -> list[tuple[str, str, list[tuple
 
 def _by_corruption(content: Content, benchmark: str) -> Iterator[Table]:
     """Yield a table of the headline's measure for each group of runs on the same frames: a corruption in each row."""
-    for frames, lines in by_frames(line for line in content.lines if line.run and line.benchmark == benchmark).items():
-        metric = next((name for name in ("epe", "rcre") if any(line.numbers(name) for line in lines)), "epe")
-        names = ordered({name for line in lines for name in line.numbers(metric)} - {CLEAN, AVERAGE})
+    runs = {key: content.lines[key] for key in content.runs if key.benchmark == benchmark}
+    for sample_set, lines in by_sample_set(runs).items():
+        metric = next((name for name in ("epe", "rcre") if any(n.by_corruption(name) for n in lines.values())), "epe")
+        names = Numbers(item for numbers in lines.values() for item in numbers.items()).corruptions((metric,))
         if len(lines) < 2 or not names:
             continue
-        best = sorted(lines, key=by_error)[:MOST_DETAILED]
-        columns = [plain(line.name, 40) for line in best]
-        rows = [(plain(long_label(name)), [line.number(metric, name) for line in best]) for name in names]
-        sections = {content.group_titles.get(frames, ""): rows}
+        best = dict(sorted(lines.items(), key=by_error)[:MOST_DETAILED])
+        columns = [plain(key.model, 40) for key in best]
+        rows = [(plain(long_label(name)), [n.number(metric, name) for n in best.values()]) for name in names]
+        sections = {content.group_titles.get(sample_set, ""): rows}
         yield Table.of("by-corruption", f"{metric_label(metric)} by corruption", columns, sections, (), "Corruption")
 
 
-def _warnings(runs: Sequence[ModelResult]) -> list[tuple[str, str]]:
+def _warnings(runs: Lines) -> list[tuple[str, str]]:
     """Return the benchmark of each incomplete run and of each run with invalid predictions, with a warning."""
     out = []
-    for line in runs:
-        assert line.run is not None
-        measured, name = line.run.measured, plain(line.name)
-        if not measured.complete:
-            out.append((line.benchmark, f"{name}: incomplete; the means are over the available rows."))
-        if measured.n_invalid:
-            out.append(
-                (
-                    line.benchmark,
-                    f"{name}: {measured.n_invalid} predicted pixels were NaN or infinite; no mean has them.",
-                )
-            )
+    for key, numbers in runs.items():
+        name = plain(key.model)
+        if numbers.number("missing", ""):
+            out.append((key.benchmark, f"{name}: incomplete; the means are over the available rows."))
+        if invalid := numbers.number("invalid_pixels", ""):
+            text = f"{name}: {invalid:.0f} predicted pixels were NaN or infinite; no mean has them."
+            out.append((key.benchmark, text))
     return out
 
 
-def _attacks(lines: Sequence[ModelResult]) -> list[tuple[str, Table, PageFigure | None]]:
+def _attacks(content: Content, runs: Lines) -> list[tuple[str, Table, PageFigure | None]]:
     """Return the name, the table and the security curves of each run with attacks, and the correlation over models."""
-    tables = [(plain(line.name), line.run, attack_table(line.run)) for line in lines if line.run]
+    tables = [(plain(key.model), numbers, attack_table(numbers)) for key, numbers in runs.items()]
     out: list[tuple[str, Table, PageFigure | None]] = [
-        (name, table, attack_figure(at, run)) for at, (name, run, table) in enumerate(tables) if table is not None
+        (name, table, attack_figure(at, numbers)) for at, (name, numbers, table) in enumerate(tables) if table
     ]
     try:
-        predicted = prediction_table([line.run for line in lines if line.run])
+        predicted = prediction_table([content.runs[key] for key in runs])
     except RunError:  # the runs have no frames in common, so there is no correlation
         return out
     return [*out, (predicted.title, predicted, None)] if predicted else out

@@ -15,8 +15,9 @@ from typing import Literal
 import polars as pl
 
 from ...core.types import Frozen
-from ..frame import given_frame
-from ..model_result import CRER, FLOPS, PARAMETERS, RANKS, ModelResult, ValueKey, lines_of
+from ...metrics.cube import MeanKey
+from ..frame import DERIVED, given_frame
+from ..lines import CRER, FLOPS, PARAMETERS, RANKS, LineKey, Lines, lines_of
 from ..ranking import average_ranks, competition_ranks
 from ..results_file import parse_results
 
@@ -54,13 +55,13 @@ def published_frame() -> pl.DataFrame:
         | {"value": float(cost[column]), "decimals": len(cost[column].partition(".")[2])}
         for line in epe.iter_rows(named=True)
         if (cost := published_costs().get(line["model"])) is not None
-        for (measure, condition), column in _cost_columns(line["setting"].lower()).items()
+        for (measure, condition, _), column in _cost_columns(line["setting"].lower()).items()
         if cost.get(column)
     ]
     return pl.concat([*tables, given_frame(costs)])
 
 
-def _cost_columns(setting: str) -> dict[ValueKey, str]:
+def _cost_columns(setting: str) -> dict[MeanKey, str]:
     """Return the columns of Tab. 3 about a model in a setting."""
     names = {"crer": f"crer_rank_{setting}", "average": f"average_rank_{setting}", "flops": "flops_rank"}
     return {PARAMETERS: "parameters_m", FLOPS: "flops_g", CRER: f"crer_{setting}"} | {
@@ -69,9 +70,9 @@ def _cost_columns(setting: str) -> dict[ValueKey, str]:
 
 
 @cache
-def published_results() -> tuple[ModelResult, ...]:
+def published_lines() -> Lines:
     """Return the lines of `published_frame`."""
-    return tuple(lines_of(published_frame()))
+    return lines_of(published_frame())
 
 
 @cache
@@ -81,32 +82,33 @@ def published_costs() -> dict[str, dict[str, str]]:
 
 
 def cost_ranks(
-    results: Iterable[ModelResult], crer: Mapping[tuple[str, str], float] | None = None
+    lines: Lines, crer: Mapping[tuple[str, str], float] | None = None
 ) -> dict[tuple[str, str], dict[str, int]]:
     """Rank the models of Tab. 3, in its order, by ("flops", setting), ("crer", setting) and ("average", setting); the
     FLOPs over the models of all settings. `crer` replaces the printed CREr of (setting, model)."""
-    of_model = {(line.setting, line.name): line.values for line in results if RANKS["flops"] in line.values}
-    flops = {name: v[FLOPS].number for name in published_costs() for (_, of), v in of_model.items() if of == name}
+    of_model = {(key.setting, key.model): numbers for key, numbers in lines.items() if RANKS["flops"] in numbers}
+    flops = {name: v[FLOPS]["value"] for name in published_costs() for (_, of), v in of_model.items() if of == name}
     ranks: dict[tuple[str, str], dict[str, int]] = {}
     for setting in ("OOD", "ID"):
         printed = {name: of_model[setting, name][CRER] for name in flops if (setting, name) in of_model}
-        known = {name: (crer or {}).get((setting, name), v.number) for name, v in printed.items() if not v.derived}
+        given = {name: row["value"] for name, row in printed.items() if row["origin"] != DERIVED}
+        known = {name: (crer or {}).get((setting, name), value) for name, value in given.items()}
         of_setting = {"flops": competition_ranks(flops), "crer": competition_ranks(known)}
         of_setting["average"] = average_ranks(of_setting["crer"], of_setting["flops"])
         ranks |= {(name, setting): values for name, values in of_setting.items()}
     return ranks
 
 
-def not_discussed(results: Iterable[ModelResult]) -> tuple[str, ...]:
+def not_discussed(lines: Iterable[LineKey]) -> tuple[str, ...]:
     """List the models that figures and observations omit: for the paper's results, the learned models that the
     paper omits from its discussion (Sec. 5.2); for all other results, none.
     """
-    return _NOT_DISCUSSED if of_paper(results) else ()
+    return _NOT_DISCUSSED if of_paper(lines) else ()
 
 
-def of_paper(results: Iterable[ModelResult]) -> bool:
-    """Whether the results include published values."""
-    return any(line.frames == PAPER for line in results)
+def of_paper(lines: Iterable[LineKey]) -> bool:
+    """Whether the lines include published values."""
+    return any(key.sample_set == PAPER for key in lines)
 
 
 @cache
