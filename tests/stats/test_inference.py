@@ -50,7 +50,8 @@ def test_random_flips_agree_with_all_of_them() -> None:
         sums = np.abs(differences @ (1 - 2 * (np.arange(2 ** (LISTED + 1))[:, None] >> np.arange(LISTED + 2) & 1).T))
         exact = np.mean(sums >= sums[0] - 1e-9)
         assert flip_test(differences) == pytest.approx(exact, abs=4 * np.sqrt(exact / 10_000) + 1e-4)
-    assert (next(flip_blocks(LISTED + 2)) == 1).all()
+    assert [len(next(flip_blocks(clusters))) for clusters in (LISTED, LISTED + 1)] == [2 ** (LISTED - 1), 1]
+    assert (next(flip_blocks(LISTED + 1)) == 1).all()
 
 
 def step_down(every: np.ndarray) -> list[float]:

@@ -63,8 +63,9 @@ def test_the_standard_error_is_that_of_the_means_of_the_clusters(clusters):
 
 
 def test_log_deviation_is_that_of_the_mean_errors_of_groups():
-    errors = np.array([1.0, 2.0, 4.0, 8.0, 1.0, 1.0])
-    rows = rows_of(errors, np.outer(errors, np.ones(3)), np.zeros((6, 3)), ["a", "a", "b", "b", "c", "c"])
+    errors = np.array([1.0, 2.0, 4.0, 8.0, 1.0, 1.0, 9.0])
+    rows = rows_of(errors, np.outer(errors, np.ones(3)), np.zeros((7, 3)), ["a", "a", "b", "b", "c", "c", "unmeasured"])
+    rows = rows.with_columns(n_valid=pl.when(pl.col("sample") == "00006").then(0).otherwise("n_valid"))
     found = {
         tuple(key): value for *key, value in intervals(rows).select("measure", "condition", "log_deviation").rows()
     }
