@@ -126,6 +126,26 @@ def test_four_units_are_prepared_and_rows_written_while_the_model_works(tmp_path
     assert sorted(loaded) == keys
 
 
+def test_order_of_predictions_does_not_depend_on_the_speed_of_the_model(tmp_path):
+    """Otherwise a model that draws random numbers would not predict the same flows again."""
+
+    class Slow(ZeroFlow):
+        def __init__(self, pauses):
+            super().__init__()
+            self.pauses, self.asked = pauses, []
+
+        def predict(self, frame1, frame2):
+            time.sleep(self.pauses[len(self.asked) % len(self.pauses)])
+            self.asked.append(frame1.tobytes() + frame2.tobytes())
+            return super().predict(frame1, frame2)
+
+    models = [Slow([0.0]), Slow([0.03, 0.0, 0.0]), Slow([0.0, 0.0, 0.0, 0.05, 0.01])]
+    benchmark = rf.Benchmark("mine", TexturePairs(3, (24, 32)), tuple("012"), ("contrast", "impulse_noise"), (1, 3))
+    for number, model in enumerate(models):
+        rf.evaluate(model, benchmark, output=tmp_path / str(number))
+    assert models[0].asked == models[1].asked == models[2].asked
+
+
 def test_error_is_the_first_in_the_plan_and_earlier_units_are_kept(tmp_path):
     """The pair that fails is read while the model works on the first one."""
 

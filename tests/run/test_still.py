@@ -132,6 +132,14 @@ def test_still_run_on_training_frames_is_labelled_leaked():
     assert rf.data.benchmarks.setting.setting_of(training, "kitti2015-still", ["000000:2"]) == "LEAKED"
 
 
+def stored(flows, flow):
+    """Store a copy of a flow, unless it is that of the second prediction of the first clean frames."""
+    flow = flow.astype(np.float32)
+    if not (flows and np.array_equal(flows[0], flow)):
+        flows.append(flow.copy())
+    return flow
+
+
 class Pairs(BrightnessFlow):
     """A model that stores every flow that it predicts."""
 
@@ -139,8 +147,7 @@ class Pairs(BrightnessFlow):
         self.flows = []
 
     def predict(self, frame1, frame2):
-        self.flows.append(np.stack([frame1[..., 0], frame2[..., 1]], axis=2).astype(np.float32))
-        return self.flows[-1].copy()
+        return stored(self.flows, np.stack([frame1[..., 0], frame2[..., 1]], axis=2))
 
 
 class Clips:
@@ -153,8 +160,7 @@ class Clips:
 
     def predict_clip(self, frames, index):
         rest = np.mean([frame[..., 0] for frame in frames], axis=0)
-        self.flows.append(np.stack([frames[index][..., 0], rest], axis=2).astype(np.float32))
-        return self.flows[-1].copy()
+        return stored(self.flows, np.stack([frames[index][..., 0], rest], axis=2))
 
 
 @pytest.mark.parametrize("kind", [Pairs, Clips])

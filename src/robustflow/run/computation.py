@@ -239,11 +239,12 @@ class Task:
     steps: Steps
     waits: bool = False
     """Whether it has requested flows that have not arrived."""
-    turn: int = 0
-    """When the latest of its flows arrived; 0 before the first."""
+    measured: int = 0
+    """Number of steps for which flows have arrived."""
 
     def step(self, answers: list[Answer] | Exception | None, predict: Predict) -> None:
         """Take a step, with the flows requested by the last one; after the last step, raise StopIteration(rows)."""
+        self.measured += answers is not None
         requests = self.steps.throw(answers) if isinstance(answers, Exception) else self.steps.send(answers)
         self.waits = bool(requests)
         if requests:
@@ -260,8 +261,8 @@ class Ready(NamedTuple):
 
 
 Receive = Callable[[Task | None], Iterable[Unit | Ready]]
-"""Yields new units and the tasks whose flows have arrived; if there are none, the given task, which needs no flow, or
-waits. Nothing if no unit is left."""
+"""Yields new units, tasks whose flows have arrived, or the given task, which needs no flow; waits if there is none of
+these. Nothing if no unit is left."""
 Predict = Callable[[Task, list[PredictionRequest]], None]
 """Starts to predict the flows that a task has requested."""
 
@@ -270,7 +271,7 @@ def compute_units(computation: Computation, receive: Receive, predict: Predict) 
     """Compute units that are no attacks. Before an error is raised, the tasks before the failed one are finished."""
     tasks: list[Task] = []
     error: Exception | None = None
-    turn, received = 0, True
+    received = True
     while received and (tasks or error is None):
         received = False
         for message in receive(_next(tasks)):
@@ -281,8 +282,6 @@ def compute_units(computation: Computation, receive: Receive, predict: Predict) 
                     tasks.append(Task(message, computation.rows(message)))
                 continue
             task, answers, seconds = message
-            if answers is not None:
-                turn = task.turn = turn + 1
             computation.predicted(seconds)
             try:
                 if task in tasks:
@@ -302,4 +301,4 @@ def _next(tasks: Sequence[Task]) -> Task | None:
     not keep the model waiting."""
     ready = [task for task in tasks if not task.waits]
     of_sample = [task for task in ready if task.unit.key == ready[0].unit.key]
-    return min(of_sample, key=lambda task: task.turn, default=None)
+    return min(of_sample, key=lambda task: task.measured, default=None)

@@ -57,7 +57,7 @@ class _OtherThread:
         if units := list(islice(self._units, self._free)):
             self._free -= len(units)
             return units
-        if task is not None and self.inbox.empty():
+        if task is not None:  # before flows that have arrived: the order of predictions does not depend on their speed
             return [Ready(task)]
         ready = self.inbox.get() if self._free <= UNITS_AHEAD else None
         return [] if ready is None else [ready]
