@@ -271,6 +271,10 @@ def test_weights_are_given_by_name_or_file(optical_flow, tmp_path, monkeypatch):
     with pytest.raises(ModelError) as caught:
         load_model("raft_small", checkpoint="C_T_V2")
     assert re.fullmatch(r"https://download\.pytorch\.org/models/raft_small_C_T_V2-\w+\.pth", caught.value.culprit)
+    cached = tmp_path / "checkpoints" / caught.value.culprit.rpartition("/")[2]
+    assert str(cached) in str(caught.value)
+    torch.save(optical_flow.raft_small(weights=None).state_dict(), cached)
+    assert "SHA-256" in str(refusal(lambda: load_model("raft_small", checkpoint="C_T_V2"), ModelError, cached))
     refusal(lambda: load_model("raft_small", checkpoint="C_T_V3"), UsageError, "C_T_V3")
     torch.save(optical_flow.raft_small(weights=None).state_dict(), tmp_path / "mine.pth")
     model = load_model("raft_small", checkpoint=tmp_path / "mine.pth", device="cpu")
