@@ -234,12 +234,16 @@ Condition = tuple[str, int | None]
 
 
 def condition_rows(numbers: Numbers, columns: Sequence[Column], rows: Mapping[str, Condition]) -> list[Row]:
-    """Return a row for each condition of one line, by label; the keys of the columns are (measure, severity)."""
+    """Return a row for each condition of one line, by label; the keys of the columns are (measure, severity). Only
+    means over severities have their intervals."""
 
     def cell(column: Column, of: str, at: int | None) -> TableCell | None:
         measure, severity = column.key
         row = numbers.get((measure, of, at or severity))
-        return None if row is None else cell_of(row, column.format)
+        if row is None:
+            return None
+        shown = cell_of(row, column.format)
+        return shown if row["severity"] is None else replace(shown, interval="")
 
     return [Row(label, [cell(column, of, at) for column in columns]) for label, (of, at) in rows.items()]
 

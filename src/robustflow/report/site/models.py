@@ -27,7 +27,7 @@ from ...stats.results import (
     metric_label,
 )
 from ..leaderboard import Cells, marked_cells
-from ..table import Column, Table, cell_of, condition_rows
+from ..table import Column, Table, cell_of, condition_rows, with_exclusion
 from .content import Content
 
 if TYPE_CHECKING:
@@ -62,7 +62,11 @@ def model_pages(content: Content) -> dict[str, tuple[str, list[Table]]]:
 def _scores(key: LineKey, numbers: Numbers, cells: Cells, asked: str) -> Table:
     over = (*OVERALL, *[(asked, AVERAGE)] * bool(asked))
     columns = [Column(mean_label(*of), key=(*of, None)) for of in dict.fromkeys(over) if (*of, None) in cells]
-    row = (plain(key.setting, 40), [cells[column.key] for column in columns], plain(numbers.fact("note"), 300))
+    row = (
+        plain(key.setting, 40),
+        [cells[column.key] for column in columns],
+        plain(with_exclusion(numbers.fact("note"), numbers.fact("excluded")), 600),
+    )
     return Table.of(SCORES, benchmark_label(key.benchmark), columns, {"": [row]})
 
 
