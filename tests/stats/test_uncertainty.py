@@ -52,7 +52,7 @@ def test_estimates_are_the_means_of_the_summary():
     assert found == pytest.approx({key: means[key] for key in keys}, rel=1e-12)
 
 
-@pytest.mark.parametrize("clusters", [24, 6], ids=["independent images", "equal clusters"])
+@pytest.mark.parametrize("clusters", [24, 6, 2], ids=["independent images", "equal clusters", "two clusters"])
 def test_the_standard_error_is_that_of_the_means_of_the_clusters(clusters):
     rows = _rows(24, groups=clusters)
     errors = rows.filter(corruption="clean").sort("sample")["epe_sum"].to_numpy() / 1000
