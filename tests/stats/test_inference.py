@@ -157,7 +157,12 @@ def naive_ratio(above: list[float], below: list[float], share: list[float]) -> t
 
 SHARES = [[1 / 7] * 7, [0.3, 0.1, 0.1, 0.2, 0.1, 0.1, 0.1], [0.2, 0.2, 0.0, 0.2, 0.2, 0.1, 0.1]]
 ERRORS = [0.9, 4.1, 0.02, 1.3, 2.2, 0.7, 1.1]
-CHANGES = [0.8, 3.0, 0.01, 0.9, 2.5, 0.3, 0.7], [0.8, 3.0, -0.9, 0.9, -2.5, 0.3, 0.7]
+CHANGES = (
+    [0.8, 3.0, 0.01, 0.9, 2.5, 0.3, 0.7],
+    [0.8, 3.0, -0.9, 0.9, -2.5, 0.3, 0.7],
+    [1.49, 1.99, 0.51, 2.3, 1.89, 0.81, -0.4],  # the interval of the increase includes 0
+    [0.01, -0.35, 0.06, -0.62, -0.15, 0.02, -0.86],  # Student's upper end is the higher one
+)
 
 
 @pytest.mark.parametrize("share", SHARES, ids=["equal", "unequal", "one empty"])
