@@ -18,7 +18,7 @@ from robustflow.corruptions import CORRUPTIONS, FAMILIES, PAPER_ORDER, SEVERITIE
 from robustflow.corruptions.registry import CLIP, SHIPPED, heading_of
 from robustflow.corruptions.scale import calibrated_severities
 from robustflow.media.colours import flow_colours, flow_radius
-from robustflow.stats.published.tables import published_results
+from robustflow.stats.published.tables import published_lines
 
 from . import families
 from .corruption_notes import NOTES
@@ -177,8 +177,8 @@ def _published(name: str) -> list[str]:
 @cache
 def _published_means(benchmark: str, metric: str) -> dict[str, float]:
     """Mean over the paper's out-of-domain models by corruption, the worst first."""
-    lines = [line for line in published_results() if (line.benchmark, line.setting) == (benchmark, "OOD")]
-    measured = [line.numbers(metric) for line in lines]
+    lines = published_lines().items()
+    measured = [line.by_corruption(metric) for key, line in lines if (key.benchmark, key.setting) == (benchmark, "OOD")]
     means = {
         name: fmean(values)
         for name in PAPER_ORDER

@@ -7,8 +7,7 @@ from math import fsum
 
 from robustflow.corruptions import FAMILIES, SEVERITIES
 from robustflow.corruptions.registry import CLIP
-from robustflow.stats.published.tables import published_results
-from robustflow.stats.results import family_means
+from robustflow.stats.published.tables import published_lines
 
 from .demonstration import Numbers
 from .tables import table
@@ -89,8 +88,8 @@ def _published(family: str) -> str:
     benchmark, metric, title = (
         ("gopro-fc", "rcre", "GoPro-FC") if family == "video" else ("kitti-fc", "cre", "KITTI-FC")
     )
-    lines = [line for line in published_results() if line.benchmark == benchmark]
-    means = {(line.setting, line.name): family_means(line.numbers(metric))[family] for line in lines}
+    lines = {key: line for key, line in published_lines().items() if key.benchmark == benchmark}
+    means = {(key.setting, key.model): line[metric, family, None]["value"] for key, line in lines.items()}
     order = ["knowledge", "OOD", "ID"]
     lowest = sorted(means, key=lambda key: (order.index(key[0]), means[key]))
     rows = [(model, setting, f"{means[setting, model]:.2f}") for setting, model in lowest]
