@@ -226,7 +226,7 @@ def test_half_the_error_on_every_image_is_told_apart_on_fifteen_images():
     found = compare_rows(rows_of(clean / 2, corrupted / 2, corrupted), rows_of(clean, corrupted, corrupted), ("A", "B"))
     line = found.filter(measure="epe", condition="average").row(0, named=True)
     assert (line["wins"], line["p_adjusted"]) == (15, pytest.approx(0.0001, abs=1e-4))
-    assert line["ratio_low"] == line["ratio_high"] == pytest.approx(0.5)
+    assert line["ratio"] == line["ratio_low"] == line["ratio_high"] == pytest.approx(0.5)
     assert difference_sentence(line).endswith("A is lower.")
 
 
