@@ -222,6 +222,14 @@ def checked(model, sample, change, monkeypatch, known=None, **options):
     return made.verdict
 
 
+def gradient_of(known, whole):
+    """Return the gradient among the kept answers: the whole one, or that as written."""
+    (answer,) = (
+        answer for (*_, followed, _), answer in known.items() if answer.gradient is not None and followed is whole
+    )
+    return answer.gradient.astype(np.float64).ravel()
+
+
 @pytest.mark.parametrize("size", [(64, 96), (96, 128)])
 @pytest.mark.parametrize("name", ["tiny", pytest.param("gmflow_refine", marks=pytest.mark.slow)])
 def test_the_check_tells_true_truncated_noisy_reversed_and_zero_gradients_apart(name, size, monkeypatch):
@@ -231,7 +239,11 @@ def test_the_check_tells_true_truncated_noisy_reversed_and_zero_gradients_apart(
         verdicts = {kind: checked(model, sample, change, monkeypatch, known) for kind, change in WRONG.items()}
         assert verdicts == {kind: kind for kind in WRONG}
         if name != "tiny":
-            assert checked(model, sample, None, monkeypatch, known, gradient="as-written") == "partial"
+            verdict = checked(model, sample, None, monkeypatch, known, gradient="as-written")
+            whole, written = (gradient_of(known, answer) for answer in (True, False))
+            # on some crops it is no more like the gradient than a random direction
+            correlation = abs(np.corrcoef(whole, written)[0, 1]) * whole.size**0.5
+            assert verdict == ("partial" if correlation > 8 else "noise")
 
 
 def test_noise_is_not_taken_for_a_part_of_the_gradient(monkeypatch):

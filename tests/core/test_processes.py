@@ -2,9 +2,11 @@
 
 import multiprocessing
 import os
+import shutil
 import signal
 import subprocess
 import sys
+import tempfile
 import time
 from pathlib import Path
 
@@ -54,6 +56,7 @@ def test_child_starts_with_a_long_temporary_folder_and_in_a_forked_process(tmp_p
     temporary = tmp_path / ("t" * 110)
     temporary.mkdir()
     assert files_of_children(tmp_path, temporary=temporary if long else None) == [robustflow.__file__] * 2
+    assert not [*temporary.iterdir()]
 
 
 def test_child_imports_from_the_path_that_its_parent_has_changed(tmp_path):
@@ -185,11 +188,11 @@ def test_a_hanging_child_ends_when_its_parent_is_killed(tmp_path, how):
             os.kill(child, signal.SIGKILL)
 
 
-def test_the_files_of_a_killed_process_are_removed_by_the_next_one_and_those_of_a_living_one_are_not(tmp_path):
+def test_the_files_of_a_killed_process_are_removed_by_the_next_one_and_those_of_a_living_one_are_not(tmp_path, request):
     script = tmp_path / "script.py"
     script.write_text(HANGING)
-    temporary = tmp_path / "t"
-    temporary.mkdir()
+    temporary = Path(tempfile.mkdtemp(dir="/tmp"))  # no socket can have a long path
+    request.addfinalizer(lambda: shutil.rmtree(temporary))
 
     def start() -> subprocess.Popen[str]:
         command, environment = [sys.executable, str(script), "sleeps"], os.environ | {"TMPDIR": str(temporary)}
@@ -204,7 +207,7 @@ def test_the_files_of_a_killed_process_are_removed_by_the_next_one_and_those_of_
     killed.kill()
     killed.wait()
     assert abandoned.is_dir()
-    assert files_of_children(tmp_path, temporary=temporary)
-    assert [*temporary.iterdir()] == [used]
+    # the process that forks holds the folder until it has noticed the end of its parent
+    wait_until(lambda: files_of_children(tmp_path, temporary=temporary) and [*temporary.iterdir()] == [used])
     living.kill()
     living.wait()

@@ -24,6 +24,7 @@ from robustflow.corruptions.corruption import VARIANTS
 from robustflow.corruptions.registry import CLIP, CORRUPTIONS, FURTHER, PAPER_ORDER
 from robustflow.data.video import machine_check as clips
 
+from ..golden.corrupted import differences
 from .pictures import picture, scene
 
 NAMES = [name for name in CORRUPTIONS.names() if name not in CLIP]
@@ -127,13 +128,6 @@ PAPER = {
 """Severities of the corruptions that the reference folder lacks."""
 
 
-def differences():
-    """Return what differs from the stored digests on this machine, by corruption."""
-    compared = {**dict(machine_check.compare_with_package()), **dict(clips.compare_with_package())}
-    assert len(compared) >= 26
-    return {name: what for name, what in compared.items() if what and not what.startswith("not compared")}
-
-
 def test_this_machine_gives_the_bytes_of_the_packages_digests():
     assert differences() == {}
 
@@ -149,7 +143,7 @@ import ctypes
 import av
 used = (line.split()[-1] for line in open("/proc/self/maps") if "libavutil" in line)
 ctypes.CDLL(next(used)).av_force_cpu_flags(0b11011)  # MMX, MMX2, SSE and SSE2
-from tests.corruptions.test_contract import differences
+from tests.golden.corrupted import differences
 print(differences())
 """
 

@@ -6,10 +6,10 @@ import hashlib
 import json
 from pathlib import Path
 
-from robustflow.corruptions import corrupt, load_corruption
+from robustflow.corruptions import corrupt, load_corruption, machine_check
 from robustflow.corruptions.corruption import BGR, VARIANTS
-from robustflow.corruptions.machine_check import CHECKED
 from robustflow.data.benchmarks.paper import DEMO_CLASSES
+from robustflow.data.video import machine_check as clips
 
 from ..corruptions.pictures import picture, scene
 
@@ -33,4 +33,11 @@ def digests_of(name: str) -> dict[str, str]:
 
 def corrupted_text() -> str:
     """Corrupt everything again, and return the content of the stored file."""
-    return json.dumps({name: digests_of(name) for name in CHECKED}, indent=1) + "\n"
+    return json.dumps({name: digests_of(name) for name in machine_check.CHECKED}, indent=1) + "\n"
+
+
+def differences():
+    """Return what this machine makes otherwise than the digests of the package say, by corruption."""
+    compared = {**dict(machine_check.compare_with_package()), **dict(clips.compare_with_package())}
+    assert len(compared) >= 26
+    return {name: what for name, what in compared.items() if what and not what.startswith("not compared")}

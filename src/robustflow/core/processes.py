@@ -9,6 +9,7 @@ need and runs nothing else, so that only one process pays for the imports.
 
 from __future__ import annotations
 
+import errno
 import fcntl
 import multiprocessing
 import os
@@ -130,6 +131,8 @@ def _send_steps(pipe: Connection, steps: Callable[..., Iterator[Any]], arguments
     pipe.send(("end", None))
 
 
+_LONGEST_TMP = 107 - len("/rf-01234567/pymp-01234567/listener-01234567")
+"""Longest temporary folder whose sockets have names that Linux allows, in bytes."""
 _server_environment: dict[str, str] = {}
 """The environment in which the process that forks children was started."""
 
@@ -162,6 +165,8 @@ def _start_server() -> None:
     """Start the process that forks children, with its socket in a folder that outlives this process only until the next
     command."""
     scratch, usual = ExitStack(), tempfile.tempdir
+    if len(os.fsencode(tempfile.gettempdir())) > _LONGEST_TMP:
+        raise OSError(errno.ENAMETOOLONG, "too long for a socket", tempfile.gettempdir())
     Finalize(None, scratch.close, exitpriority=-101)  # after that of `multiprocessing`, which removes the socket
     tempfile.tempdir = scratch.enter_context(scratch_folder(tempfile.gettempdir()))
     try:
