@@ -41,7 +41,7 @@ def comparison_notes(runs: Sequence[Run], beside_published: bool = False) -> lis
 
 def comparison_note(run: Run, beside_published: bool = False) -> str:
     """Describe how the measurement differs from what a reader would expect: pairs, corruptions, severities and, on one
-    of the paper's benchmarks, the differences from the paper. For `beside_published` see `run_results`."""
+    of the paper's benchmarks, the differences from the paper. For `beside_published` see `results_frame`."""
     frames, averaged = run.manifest.identity.frames, run.measured.averaged_over
     facts = benchmark_facts(run.benchmark)
     outside = outside_remark(run.benchmark, frames.protocol, run.manifest.samples)
