@@ -128,7 +128,7 @@ def test_progress_shows_control_characters_of_names_as_text(robustflow):
     command = "run -m dis -d frames -c contrast -s 1 --no-examples"
     code, out, error = robustflow(*command.split(), "-o", "made\x1b[31m")
     assert code == 0
-    assert "last 000\ufffd[31m contrast" in error
+    assert "last 000\ufffd[31m " in error
     assert "report: made\ufffd[31m/report.html" in out
     assert "\x1b" not in out + error
 

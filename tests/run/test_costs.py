@@ -13,6 +13,7 @@ from robustflow.report.site.content import whole_content
 from robustflow.report.tables import tables_of
 from robustflow.run.costs import PROFILE, RunCost, check_profiled_model
 from robustflow.run.records.pack import load_any_run, pack
+from robustflow.stats.lines import FLOPS, RANKS
 from robustflow.testing import ConstantFlow
 
 from ..refusals import refusal
@@ -85,9 +86,15 @@ def test_costs_of_runs_are_shown_without_ranks(runs):
     assert {cells["Avg. rank OOD"] for cells in found.values()} == {"-"}
     for run in runs[:3]:
         assert found[run.name]["CREr & rank OOD"] == f"{run.crer:.2f}"
-    board = {line.name: cells for line, cells in whole_content(runs).cells.items() if line.name in found}
-    assert not any(("rank", "") in cells for cells in board.values())
-    assert {name: cells["flops", ""].text for name, cells in board.items()} == texts
+    board = {
+        line.label: {column.key: cell.text for column, cell in zip(table.columns, line.cells, strict=True)}
+        for table in whole_content(runs).boards
+        for section in table.sections
+        for line in section.lines
+        if line.label in found
+    }
+    assert not any(RANKS["average"] in cells for cells in board.values())
+    assert {name: cells[FLOPS] for name, cells in board.items()} == texts
 
 
 def test_costs_of_runs_leave_published_lines_unchanged(runs):
