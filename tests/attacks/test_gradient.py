@@ -307,7 +307,7 @@ PTLFLOW = (
     "gmflow",
     "sea_raft_s",
     "pwcnet",
-    "irr_pwc",
+    pytest.param("irr_pwc", marks=pytest.mark.xfail(reason="rounding decides the masks of its warping", strict=True)),
     "skflow",
     "rpknet",
     "neuflow2",
@@ -317,7 +317,7 @@ PTLFLOW = (
 @pytest.mark.slow
 @pytest.mark.parametrize("name", [*TWO_FRAMES, *PTLFLOW])
 def test_the_gradient_of_a_network_with_random_weights_is_its_slope(name):
-    pytest.importorskip("ptlflow" if name in PTLFLOW else "torch")
+    pytest.importorskip("torch" if name in TWO_FRAMES else "ptlflow")
     sample = TexturePairs(1, (128, 128)).load("0")
     model = rf.load_model(name, device="cpu", checkpoint="random")
     attack, pair = load_attack("pgd"), Pair(sample.frames, 4.0, sample.flow, sample.valid, "0")
