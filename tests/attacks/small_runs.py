@@ -6,6 +6,9 @@ import polars as pl
 import robustflow as rf
 from robustflow.data.benchmarks import Benchmark
 from robustflow.models import ModelRef
+from robustflow.run.run import Run
+from robustflow.stats.frame import results_frame
+from robustflow.stats.lines import Numbers, lines_of
 from robustflow.testing import TexturePairs
 
 TINY = ModelRef.parse("tiny", (("device", "cpu"),))
@@ -28,3 +31,9 @@ def run(folder, model=TINY, *, attacks=("fgsm", "pgd"), severities=(1, 3), count
 
 def every(result) -> pl.DataFrame:
     return pl.concat([result.rows, result.attack_rows]).unique().sort("sample", "corruption", "severity")
+
+
+def numbers_of(attacked: Run) -> Numbers:
+    """Return the line of a run in the results frame."""
+    (numbers,) = lines_of(results_frame([attacked], ["means", "attacks"])).values()
+    return numbers

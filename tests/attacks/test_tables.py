@@ -11,22 +11,15 @@ from robustflow.attacks.registry import attack_spec
 from robustflow.attacks.result import BESIDE_OTHERS, EXPLAINED, WARNINGS
 from robustflow.report.attack_tables import attack_table, prediction_table, security_points
 from robustflow.stats.attacks import attack_means, beside_others, budget_at_double, predictions, warnings_of
-from robustflow.stats.frame import results_frame
-from robustflow.stats.lines import Numbers, lines_of
 from robustflow.stats.ranking import spearman, spearman_interval
 
-from .small_runs import run
+from .small_runs import numbers_of, run
 
 pytest.importorskip("torch", reason="needs the torch extra")
 
 
-def _numbers(one) -> Numbers:
-    (numbers,) = lines_of(results_frame([one], ["means", "attacks"])).values()
-    return numbers
-
-
 def test_the_table_gives_the_gain_over_noise_and_marks_nothing_as_best(both):
-    numbers = _numbers(both)
+    numbers = numbers_of(both)
     table, gain = attack_table(numbers), numbers.number("attack_gain", "pgd", 3)
     assert gain == pytest.approx(numbers.number("epe", "pgd", 3) - numbers.number("epe", "random_sign", 3))
     assert gain > 0
@@ -63,7 +56,7 @@ def _line(table, label):
 
 
 def test_security_curves_begin_at_the_clean_error_and_have_the_means_of_the_rows(both):
-    points = security_points(_numbers(both))
+    points = security_points(numbers_of(both))
     errors = {(point.attack, point.budget): point.error for point in points}
     rows = both.attack_rows.with_columns(epe=pl.col("epe_sum") / pl.col("n_valid"))
     for name in both.attacks:

@@ -30,7 +30,7 @@ from robustflow.testing import TexturePairs
 pytest.importorskip("torch", reason="needs the torch extra")
 
 from ..refusals import refusal
-from .small_runs import TINY, still
+from .small_runs import TINY, numbers_of, still
 from .smooth_net import linear_model, random_pair, smooth_model
 
 TRUTH = np.zeros((8, 10, 2), np.float32)
@@ -222,7 +222,7 @@ def test_a_trained_attack_is_trained_once_on_samples_that_are_not_measured(train
     assert set(trained.manifest.identity.frames.attack_sources) == set(TRAINED)
     # the part of worst_of is the attack alone
     assert len(list((trained.path / "attacks").glob("*.npy"))) == 3
-    lines = [line.label for section in attack_table(trained).sections for line in section.lines]
+    lines = [line.label for section in attack_table(numbers_of(trained)).sections for line in section.lines]
     assert {f"{UNIVERSAL} 5", f"{PATCH} 5", "random_patch 5"} <= set(lines)
 
 
