@@ -41,7 +41,7 @@ def single(tmp_path_factory):
 def test_rows_do_not_depend_on_the_batch(single, tmp_path, size, calls):
     model = Batched()
     batched = run(model, tmp_path / "batched", batch_size=size)
-    assert sorted(model.calls) == [1, 1, *calls]  # the clean pair alone, twice
+    assert sorted(model.calls) == [1, 1, *calls]  # the clean pair, twice
     assert batched.rows.equals(single.rows)
     assert batched.manifest.identity_digest == single.manifest.identity_digest
 

@@ -90,16 +90,16 @@ class Transfer(Attack):
 
     @property
     def source(self) -> str:
-        assert self._spec is not None
-        return digest_of_value([self._spec.identity(self._surrogate), self.attack.source])
+        assert self._ref is not None
+        return digest_of_value([self._ref.identity(self._surrogate), self.attack.source])
 
-    @property
-    def _spec(self) -> ModelRef | None:
+    @cached_property
+    def _ref(self) -> ModelRef | None:
         return ModelRef.parse(self.on, self.model_options) if isinstance(self.on, str) else None
 
     @cached_property
     def _surrogate(self) -> AnyModel:
-        return self._spec.load() if self._spec else as_model(self.on, "the model of the attack transfer")
+        return self._ref.load() if self._ref else as_model(self.on, "the model of the attack transfer")
 
     def check(self, model: AnyModel) -> None:
         if not isinstance(self._surrogate, FlowModel):

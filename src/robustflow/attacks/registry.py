@@ -75,7 +75,7 @@ class AttackSpec:
         >>> attack_spec("pgd").control, attack_spec("pcfa:moved=first").control
         ('random_sign', 'random_gauss:moved=first')
         """
-        control = next(one for one in (*CONTROLS, PATCH_CONTROL) if NORMS.get(one, "linf") == self.norm)
+        control = next(name for name in (*CONTROLS, PATCH_CONTROL) if NORMS.get(name, "linf") == self.norm)
         moved = self.options.get("moved")
         return f"{control}:moved={moved}" if moved in ("first", "second") else control
 

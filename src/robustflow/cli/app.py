@@ -6,7 +6,7 @@ from typer import Option
 
 from ..core.plugins import require
 from .interrupt import terminate_as_on_ctrl_c
-from .options import MODEL, model_spec, shared
+from .options import MODEL, model_ref, shared
 
 
 @shared(*MODEL, "psf_dir")
@@ -30,5 +30,5 @@ def app(
     from ..app.serve import serve
 
     terminate_as_on_ctrl_c()  # so that the uploads are removed
-    ref = model_spec(given)
+    ref = model_ref(given)
     serve([] if ref is None else [ref], host, port, browser)

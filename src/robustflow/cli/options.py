@@ -204,7 +204,7 @@ def model_options(given: Mapping[str, Any]) -> tuple[tuple[str, Any], ...]:
     return options + tuple(named.items())
 
 
-def model_spec(given: Mapping[str, Any]) -> "ModelRef | None":
+def model_ref(given: Mapping[str, Any]) -> "ModelRef | None":
     """Return the model that the shared options name, with its options; None without --model."""
     from ..models import ModelRef
 

@@ -9,7 +9,7 @@ from typer import Argument, Option
 
 from ..core.output import echo
 from ..core.text import plain
-from .options import DATASET, DEPTH, data_options, model_spec, refuse_unused, shared
+from .options import DATASET, DEPTH, data_options, model_ref, refuse_unused, shared
 
 if TYPE_CHECKING:
     from ..models import ModelRef
@@ -83,7 +83,7 @@ def verify(
     from ..report.exchange import check_exported
     from ..run.records.verify import verify as verify_file
 
-    ref, count = model_spec(given), 20 if check_frames is None else check_frames
+    ref, count = model_ref(given), 20 if check_frames is None else check_frames
     compare = partial(_compare_rows, data=given["data"], options=data_options(given), count=count, seed=seed)
     frames = compare if given["data"] is not None or check_frames is not None or ref is not None else None
     if frames is None:

@@ -210,7 +210,7 @@ def scratch_folder(parent: str) -> Iterator[str]:
     new = tempfile.mkdtemp(prefix=".rf-", dir=parent)
     with _locked(Path(new)):
         folder = os.path.join(parent, os.path.basename(new).removeprefix("."))
-        os.rename(new, folder)  # not before it is locked
+        os.rename(new, folder)  # once it is locked, so that nobody removes it
         try:
             yield folder
         finally:

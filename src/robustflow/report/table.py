@@ -287,7 +287,7 @@ class Wanted:
         return lines_of(self.frame)
 
     def of_runs(self, table: str, *kinds: str, intervals: bool = False, seeds: bool = False) -> Lines:
-        """Return the lines of the runs alone, for a table that needs some; with `seeds`, also those of seeds."""
+        """Return only the lines of runs, for a table that needs some; with `seeds`, also those of means over seeds."""
         if not self.runs:
             raise UsageError("--table", f"'{table}' requires runs: give at least one run")
         frame = results_frame(self.runs, ("means", *kinds), intervals=intervals, detailed=False)

@@ -56,7 +56,7 @@ class Numbers(dict[MeanKey, Row]):
 
     @property
     def means(self) -> Means:
-        """The numbers alone."""
+        """The value of each row."""
         return {key: row["value"] for key, row in self.items()}
 
     def fact(self, name: str) -> Any:

@@ -106,7 +106,6 @@ def upflow(
         return UPFlow(align_corners, mask_threshold)
 
     settings = {"align_corners": align_corners, "mask_threshold": mask_threshold}
-
     return _loaded("upflow", build, checkpoint, sha256, Execution(device, precision, compile, threads), settings)
 
 
@@ -163,10 +162,8 @@ def _samflow(
 
         return SamFlow(size, finetuned, iterations)
 
-    settings, execution = (
-        {"finetuned": finetuned, "iterations": iterations},
-        Execution(device, precision, compile, threads),
-    )
+    settings = {"finetuned": finetuned, "iterations": iterations}
+    execution = Execution(device, precision, compile, threads)
     return tiled(_loaded(f"samflow_{size[0]}", build, checkpoint, sha256, execution, settings), tile)
 
 

@@ -44,7 +44,7 @@ class Content:
         runs: by line, for pictures and texts.
         pages: ids of the model pages.
         group_titles: titles of the sample sets.
-        alone: whether the page is about its runs alone.
+        alone: whether the page shows only its runs.
         asked: a measure that the reader asked for; may be "".
     """
 

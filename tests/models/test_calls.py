@@ -26,7 +26,7 @@ def predicted(function):
 
 def test_error_of_a_model_names_the_sample_and_the_line_of_its_code():
     error = refusal(lambda: predicted(lambda *_: [][1]), ModelError, "sample 'a', fog severity 3")
-    assert "test_base.py:" in str(error)
+    assert "test_calls.py:" in str(error)
 
     def small(frame1, frame2):
         raise ModelError("4x5", "too small")
@@ -75,7 +75,7 @@ def test_device_of_a_model_is_normalised(device, is_on):
     assert device_of(on(device)) == is_on
 
 
-def _spec(name, device=None):
+def _ref(name, device=None):
     return ModelRef.parse(name, (("device", device),) if device else ())
 
 
@@ -97,13 +97,13 @@ EVERY = ("cuda:0", "cuda:1", "cuda:2", "cuda:3")
 )
 def test_cuda_is_every_visible_gpu_and_a_number_is_that_one(monkeypatch, name, option, model, devices):
     monkeypatch.setitem(sys.modules, "torch", SimpleNamespace(cuda=SimpleNamespace(device_count=lambda: 4)))
-    assert devices_of(name and _spec(name, option), model) == devices
+    assert devices_of(name and _ref(name, option), model) == devices
 
 
 def test_only_gpus_are_listed_and_their_number_is_not_part_of_an_identity():
-    refusal(lambda: devices_of(_spec("raft", "cuda:0,cpu"), on("cuda:0")), UsageError, "--device")
+    refusal(lambda: devices_of(_ref("raft", "cuda:0,cpu"), on("cuda:0")), UsageError, "--device")
     model = SimpleNamespace(identity=lambda: {"name": "mine"})
-    assert _spec("mine:Model", "cuda:0,cuda:1").identity(model) == _spec("mine:Model", "cuda:2,cuda:3").identity(model)
+    assert _ref("mine:Model", "cuda:0,cuda:1").identity(model) == _ref("mine:Model", "cuda:2,cuda:3").identity(model)
 
 
 there = st.builds(lambda before, after: range(-before, 2 + after), st.integers(0, 9), st.integers(0, 9))
